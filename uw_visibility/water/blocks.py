@@ -82,26 +82,36 @@ def reduce_to_blocks(
     valid : (H, W) bool ndarray or None
         Samples that count.
     """
+    blocks = without_ranges(samples, valid)
+    return with_ranges(blocks, range_map, blocks.side // samples.scale)
+
+
+def without_ranges(samples: ColourSamples, valid: Mask | None) -> Blocks:
+    """Average irradiance over blocks of pixels, whose range is not known yet."""
     image = samples.pixels
-    size = max(1, math.ceil(math.sqrt(range_map.size / BLOCKS)))
-    height, width = range_map.shape[0] // size, range_map.shape[1] // size
-    light = np.empty((height, width, 3), np.float32)
-    ranges = np.empty((height, width), np.float32)
+    size = max(1, math.ceil(math.sqrt(image.shape[0] * image.shape[1] / BLOCKS)))
+    light = np.empty((image.shape[0] // size, image.shape[1] // size, 3), np.float32)
     extreme = np.zeros((2, 3))
     table = linear_table(samples.transfer, image.dtype)
     marks = np.zeros(len(table), np.int64)
     marks[-1], marks[0] = 1, MARK_OF_BLACK
     mask = np.ones((1, 1), np.bool_) if valid is None else np.ascontiguousarray(valid)
-    counted, known = _reduce(
-        image, np.ascontiguousarray(range_map, np.float32), mask, valid is not None, table, marks,
-        size, light, ranges, extreme)
+    counted = _sum_up_light(image, mask, valid is not None, table, marks, size, light, extreme)
     share = 1.0 / max(counted * size * size, 1)
     middle = len(table) // 2
     return Blocks(
-        light, ranges, known / max(counted, 1), extreme[0] * share, extreme[1] * share,
-        samples.noise * float(table[middle] - table[middle - 1]), samples.transfer == "srgb",
-        len(table) > 256, size * samples.scale,
+        light, np.full(light.shape[:2], np.nan, np.float32), 0.0, extreme[0] * share,
+        extreme[1] * share, samples.noise * float(table[middle] - table[middle - 1]),
+        samples.transfer == "srgb", len(table) > 256, size * samples.scale,
         1.0 / (255 if samples.scale > 1 else len(table) - 1))
+
+
+def with_ranges(blocks: Blocks, range_map: NDArray[np.floating], size: int) -> Blocks:
+    """Blocks of so many samples' side with the mean of their ranges; see `reduce_to_blocks`."""
+    ranges = np.full_like(blocks.range, np.nan)
+    counted, known = _average_ranges(
+        np.ascontiguousarray(range_map, np.float32), blocks.light, size, ranges)
+    return blocks._replace(range=ranges, known=known / max(counted, 1))
 
 
 def away_from_edges(blocks: Blocks) -> Blocks:
@@ -121,16 +131,21 @@ def away_from_edges(blocks: Blocks) -> Blocks:
     return blocks._replace(range=np.where(left, ranges, np.float32(np.nan)))
 
 
+def known_ranges(blocks: Blocks) -> tuple[Mask, NDArray[np.float32]]:
+    """Blocks that count and have a range, (h, w) bool, and their ranges in rising order, m."""
+    near = np.isfinite(blocks.range) & np.isfinite(blocks.light[..., 0])
+    return near, np.sort(blocks.range[near])
+
+
 def place_by_range(
-    ranges: NDArray[np.float32], near: Mask, number: int
+    ranges: NDArray[np.float32], near: Mask, order: NDArray[np.float32], number: int
 ) -> tuple[NDArray[np.int8], Array, Array, tuple[float, float]]:
     """Bin of each block (−1 for none), mean range and count of each bin, and where bins end, m.
 
     Bins are equal in the mean of two measures: number of blocks, and logarithm of range. So
     neither a crowd at one range nor a few far blocks take all bins. `near` are the blocks that
-    count; there is at least one.
+    count, and `order` their ranges, see `known_ranges`; there is at least one.
     """
-    order = np.sort(ranges[near])
     last = len(order) - 1
     low, middle, high = (
         float(order[at]) for at in (int(0.005 * len(order)), len(order) // 2, int(0.995 * last)))
@@ -193,49 +208,53 @@ def _place(
 
 
 @njit(nogil=True)
-def _reduce(
-    image: Any, range_map: Any, mask: Any, masked: bool, table: Any, marks: Any, size: int,
-    light: Any, ranges: Any, extreme: Any,
-) -> tuple[int, int]:
-    """Fill `light` and `ranges`; count clipped and black pixels, blocks, and those with range."""
-    height, width = ranges.shape
-    area = size * size
+def _sum_up_light(
+    image: Any, mask: Any, masked: bool, table: Any, marks: Any, size: int, light: Any,
+    extreme: Any,
+) -> int:
+    """Fill `light`; count clipped and black pixels, and blocks."""
+    counted = 0
+    for y in range(light.shape[0]):
+        for x in range(light.shape[1]):
+            rows, columns = slice(y * size, (y + 1) * size), slice(x * size, (x + 1) * size)
+            # Names, since sums in an array take twice the time.
+            red, green, blue, of_red, of_green, of_blue = 0.0, 0.0, 0.0, 0, 0, 0
+            for row in image[rows, columns]:
+                for u in range(size):
+                    r, g, b = row[u]
+                    red, of_red = red + table[r], of_red + marks[r]
+                    green, of_green = green + table[g], of_green + marks[g]
+                    blue, of_blue = blue + table[b], of_blue + marks[b]
+            light[y, x] = np.nan
+            if red + green + blue == 0.0 or (masked and not mask[rows, columns].all()):
+                continue
+            counted += 1
+            for c, (total, marked) in enumerate(
+                    ((red, of_red), (green, of_green), (blue, of_blue))):
+                light[y, x, c] = total / (size * size)
+                extreme[0, c] += marked % MARK_OF_BLACK
+                extreme[1, c] += marked // MARK_OF_BLACK
+    return counted
+
+
+@njit(nogil=True)
+def _average_ranges(range_map: Any, light: Any, size: int, ranges: Any) -> tuple[int, int]:
+    """Fill `ranges` where they are known and alike; count blocks, and those with range."""
     counted, known = 0, 0
-    for y in range(height):
-        for x in range(width):
-            red, green, blue = 0.0, 0.0, 0.0
-            of_red, of_green, of_blue = 0, 0, 0
-            near, far, total, number, whole = np.inf, 0.0, 0.0, 0, True
+    for y in range(ranges.shape[0]):
+        for x in range(ranges.shape[1]):
+            if np.isnan(light[y, x, 0]):
+                continue
+            counted += 1
+            near, far, total, number = np.inf, 0.0, 0.0, 0
             for v in range(y * size, (y + 1) * size):
                 for u in range(x * size, (x + 1) * size):
-                    if masked and not mask[v, u]:
-                        whole = False
-                    # Names, since sums in an array take twice the time.
-                    code = image[v, u, 0]
-                    red += table[code]
-                    of_red += marks[code]
-                    code = image[v, u, 1]
-                    green += table[code]
-                    of_green += marks[code]
-                    code = image[v, u, 2]
-                    blue += table[code]
-                    of_blue += marks[code]
                     distance = range_map[v, u]
                     if distance > MIN_RANGE and distance < MAX_RANGE:
                         near, far = min(near, distance), max(far, distance)
                         total += distance
                         number += 1
-            ranges[y, x] = np.nan
-            if not whole or red + green + blue == 0.0:
-                light[y, x] = np.nan
-                continue
-            counted += 1
-            for c, (light_of, marked) in enumerate(
-                    ((red, of_red), (green, of_green), (blue, of_blue))):
-                light[y, x, c] = light_of / area
-                extreme[0, c] += marked % MARK_OF_BLACK
-                extreme[1, c] += marked // MARK_OF_BLACK
-            if 2 * number > area:
+            if 2 * number > size * size:
                 known += 1
                 if far - near <= MOST_RANGE_STEP * near:
                     ranges[y, x] = total / number

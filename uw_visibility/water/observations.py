@@ -13,9 +13,9 @@ from scipy.special import ndtri
 
 from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
-from uw_visibility.images.arrays import Array
+from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.transfer import linear_table
-from uw_visibility.water.blocks import Blocks, place_by_range
+from uw_visibility.water.blocks import Blocks, known_ranges, place_by_range
 
 # Bins at most, and fewest blocks of one; on average there are twice as many.
 BINS = 32
@@ -88,7 +88,10 @@ class Envelopes:
         return float(near[at]), float(self.range[at])
 
 
-def observe(blocks: Blocks, range_error: float = 0.0) -> Envelopes:
+def observe(
+    blocks: Blocks, range_error: float = 0.0,
+    known: tuple[Mask, NDArray[np.float32]] | None = None,
+) -> Envelopes:
     """Bin blocks by range and take the envelopes of each bin and channel (eq. 4-5).
 
     Parameters
@@ -96,24 +99,26 @@ def observe(blocks: Blocks, range_error: float = 0.0) -> Envelopes:
     blocks : Blocks
     range_error : float
         Standard deviation of range over its square, 1/m; 0 for exact ranges.
+    known : tuple, optional
+        `known_ranges` of the blocks, where these are at hand.
 
     Returns
     -------
     Envelopes
         Perhaps without any bin.
     """
+    near, order = known or known_ranges(blocks)
     counted = np.isfinite(blocks.light[..., 0])
-    near = np.isfinite(blocks.range) & counted
     red, green, blue = np.moveaxis(blocks.light, 2, 0)
     # NaN, where a block does not count, equals nothing.
     grey = bool(counted.any()) and np.array_equal((red == green) & (green == blue), counted)
-    if not near.any():
+    if len(order) == 0:
         nothing = np.empty((3, 0))
         return Envelopes(
             np.empty(0), np.empty(0, np.int64), *(nothing,) * 5, blocks.clipped, blocks.black,
             grey, range_error=range_error)
-    number = min(max(int(near.sum()) // (2 * FEWEST_OF_BIN), FEWEST_BINS), BINS)
-    place, mean_range, count, limits = place_by_range(blocks.range, near, number)
+    number = min(max(len(order) // (2 * FEWEST_OF_BIN), FEWEST_BINS), BINS)
+    place, mean_range, count, limits = place_by_range(blocks.range, near, order, number)
     full = np.flatnonzero(count >= FEWEST_OF_BIN)
     ends = np.cumsum(count).astype(np.int64)
     inner = np.maximum(np.rint(STEEPNESS_QUANTILE * count).astype(int), DARKEST + 1)
@@ -121,12 +126,10 @@ def observe(blocks: Blocks, range_error: float = 0.0) -> Envelopes:
     darkest = np.full((2, 3, number, DARKEST), np.inf, np.float32)
     starts = ends - count.astype(np.int64)
     _sort_into_bins(blocks.light, blocks.range, place, starts.copy(), light, *darkest)
-    # Inner dark and bright irradiance, by channel and bin.
-    found = np.empty((2, 3, len(full)))
-    for i, at in enumerate(full):
-        ranks = (inner[at] - 1, int(BRIGHT_QUANTILE * (count[at] - 1)))
-        found[..., i] = np.partition(light[:, starts[at]:ends[at]], ranks, axis=1)[:, ranks].T
-    steep, bright = found
+    ranks = starts + np.stack((inner - 1, (BRIGHT_QUANTILE * (count - 1)).astype(int)))
+    for at in full:
+        light[:, starts[at]:ends[at]].sort(axis=1)
+    steep, bright = light[:, ranks[:, full]].astype(np.float64).swapaxes(0, 1)
     dark = darkest[0][:, full, -1].astype(np.float64)
     slope = _Slope(blocks)
     scale = slope.at(dark)

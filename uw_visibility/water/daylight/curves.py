@@ -16,14 +16,12 @@ exponential is.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
-from uw_visibility.images.arrays import Array
 from uw_visibility.water.daylight.statistics import (
     BINS,
     COARSE,
@@ -121,8 +119,9 @@ FITS = (
 )
 # Fits of the tiles by which the veil is levelled: with open water, and without.
 LEVEL_FITS = (GridFit((), FIXED, gradient=True), GridFit(()))
-# Fits whose veil the network sees, by place in FITS.
+# Fits whose veil the network sees, and that are of open water, by place in FITS.
 KEEP_VEIL = [place for place, fit in enumerate(FITS) if fit.keeps_veil]
+NEEDS_WATER = [place for place, fit in enumerate(FITS) if fit.of_water == FIXED]
 OF_CURVES = (
     BINS * OF_BIN + 1 + (len(FITS) + len(CONTRASTS)) * (len(THICKNESS) + 2)
     + len(KEEP_VEIL) * (len(THICKNESS[KEPT]) + 1) + 2 * (len(SPREADS) + 1))
@@ -212,20 +211,15 @@ def curves(
     q = np.exp(of_bins[..., :len(QUANTILES)]) - FLOOR
     water = of_channels[..., IS_WATER] > 0.0
     residual, veil = _fit_all(FITS, q, there, of_tiles, seen, water, of_image)
-    for place, fit in enumerate(FITS):
-        if fit.of_water == FIXED:
-            residual[..., place, :] *= water[..., np.newaxis]
-    contrasts = []
-    for place in CONTRASTS:
-        of_contrast = np.zeros((*there.shape[:-1], len(THICKNESS)), np.float32)
-        _fit_contrasts(
-            *(np.ascontiguousarray(each, np.float32).reshape(-1, each.shape[-1]) for each in (
-                np.exp(2.0 * of_bins[..., place]), there,
-                np.broadcast_to(distance[..., np.newaxis, :], there.shape))),
-            of_contrast.reshape(-1, len(THICKNESS)))
-        contrasts.append(of_contrast)
+    residual[..., NEEDS_WATER, :] *= water[..., np.newaxis, np.newaxis]
+    square = np.exp(2.0 * np.moveaxis(of_bins[..., CONTRASTS], -1, -2))
+    of_contrast = np.empty((*square.shape[:-1], len(THICKNESS)), np.float32)
+    _fit_contrasts(
+        *(np.ascontiguousarray(np.broadcast_to(each, square.shape)).reshape(-1, BINS) for each in (
+            square, there[..., np.newaxis, :], distance[..., np.newaxis, np.newaxis, :])),
+        of_contrast.reshape(-1, len(THICKNESS)))
     # (..., 3, fits, grid)
-    residual = np.concatenate((residual, np.stack(contrasts, axis=-2)), axis=-2)
+    residual = np.concatenate((residual, of_contrast), axis=-2)
     least, at = residual.min(axis=-1), _least(residual)
     log_veil = np.log(np.clip(veil[..., KEEP_VEIL, :], 0.5 * FLOOR, 8.0))
     flat = (*of_bins.shape[:-2], -1)
@@ -259,16 +253,6 @@ def _taken(values: NDArray[np.floating], at: NDArray[np.integer]) -> NDArray[np.
     return np.asarray(flat[np.arange(len(flat)), at.ravel()]).reshape(at.shape)
 
 
-@lru_cache
-def _plan(fits: tuple[GridFit, ...]) -> tuple[list[float], NDArray[np.int64], Array]:
-    """Exponents of fits; for each quantiles and exponent by place; and numbers for `_fit_veil`."""
-    exponents = list(dict.fromkeys(fit.exponent for fit in fits))
-    return (
-        exponents,
-        np.array([(*(fit.quantiles or (0, 0)), exponents.index(fit.exponent)) for fit in fits]),
-        np.array([(fit.of_water, fit.gradient, fit.black, fit.growth) for fit in fits]))
-
-
 def _fit_all(
     fits: tuple[GridFit, ...], light: NDArray[np.floating], there: NDArray[np.floating],
     of_tiles: NDArray[np.floating], seen: NDArray[np.floating], water: NDArray[Any],
@@ -279,9 +263,11 @@ def _fit_all(
     `light` (..., 3, BINS, K) are quantiles, with the weight `there` of each bin; `seen`
     (..., 3, 2) is open water's light, where there is `water`, (..., 3).
     """
-    exponents, places, numbers = _plan(fits)
+    exponents = list(dict.fromkeys(fit.exponent for fit in fits))
     powers = np.stack([
         light if each == 1.0 else np.maximum(light, 0.0) ** each for each in exponents], axis=-3)
+    places = [(*(fit.quantiles or (0, 0)), exponents.index(fit.exponent)) for fit in fits]
+    numbers = [(fit.of_water, fit.gradient, fit.black, fit.growth) for fit in fits]
     flat = [
         np.ascontiguousarray(each, np.float32).reshape(-1, *each.shape[each.ndim - axes:])
         for each, axes in (
@@ -290,7 +276,7 @@ def _fit_all(
             (water, 0), (of_image[..., (UPPER_ROW, LOWER_ROW)], 1))]
     shape = (*there.shape[:-1], len(fits), len(THICKNESS))
     residual, veil = np.empty((2, len(flat[0]), *shape[-2:]), np.float32)
-    _fit_veils(*flat, places, numbers, residual, veil)
+    _fit_veils(*flat, np.array(places), np.array(numbers), residual, veil)
     return residual.reshape(shape), veil.reshape(shape)
 
 
@@ -426,17 +412,14 @@ def _decay(
     weight: NDArray[np.floating],
 ) -> NDArray[np.floating]:
     """Slopes of ln contrast over range in median ranges, and their residuals, (..., 3, 8)."""
+    x = distance[..., np.newaxis, :]
     number = np.maximum(weight.sum(axis=-1, keepdims=True), 1.0)
-
-    def centred(values: NDArray[np.floating]) -> NDArray[np.floating]:
-        return (values - (weight * values).sum(axis=-1, keepdims=True) / number) * weight
-
-    away = centred(distance[..., np.newaxis, :])
+    away = (x - (weight * x).sum(axis=-1, keepdims=True) / number) * weight
     spread = np.maximum((away**2).sum(axis=-1), 1e-6)
     found = []
     for y in (*(np.log(np.maximum(q[..., a] - q[..., b], 0.0) + 0.5 * FLOOR)
                 for a, b in SPREADS), contrast):
-        off = centred(y)
+        off = (y - (weight * y).sum(axis=-1, keepdims=True) / number) * weight
         slope = (away * off).sum(axis=-1) / spread
         rest = off - slope[..., np.newaxis] * away
         found += [np.clip(slope, -9.0, 9.0), np.log((rest**2).sum(axis=-1) / number[..., 0] + 1e-4)]

@@ -4,8 +4,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache, partial
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,14 +25,17 @@ from uw_visibility.water.blocks import (
     BLOCKS_KEPT,
     Blocks,
     away_from_edges,
+    known_ranges,
     reduce_to_blocks,
     thinned,
+    with_ranges,
+    without_ranges,
 )
-from uw_visibility.water.daylight.grey_average import colour_balance
+from uw_visibility.water.daylight.grey_average import ColourBalance, colour_balance
 from uw_visibility.water.daylight.inference import ATTENUATION_AND_VEIL, Posterior, infer
 from uw_visibility.water.daylight.network import Network, trained
 from uw_visibility.water.daylight.one_light import Daylight, fit_one_light
-from uw_visibility.water.daylight.statistics import summarise
+from uw_visibility.water.daylight.statistics import Appearance, appearance_of, summarise
 from uw_visibility.water.daylight.validation import (
     refuse_channel,
     refuse_frame,
@@ -50,6 +56,10 @@ BRIGHT_RADIANCE = 0.9
 WHITE_DEVIATION = 0.27
 # The brightest patch near by is at least so bright: of a darker one noise decides.
 LEAST_RADIANCE = 0.05
+
+
+# What a view shows, whatever its ranges are. Its appearance is taken when it is first asked for.
+_Picture = tuple[Blocks, Callable[[], Appearance], ColourBalance]
 
 
 class WaterEstimator:
@@ -77,6 +87,8 @@ class WaterEstimator:
         self._transfer = transfer
         self._daylight = daylight
         self._network = network
+        # Of views that are in use: both steps of the pipeline read the same one.
+        self._pictures: WeakKeyDictionary[View, _Picture] = WeakKeyDictionary()
 
     def estimate(
         self, image: NDArray[Any], range_map: NDArray[np.floating], valid: Mask | None = None, *,
@@ -117,28 +129,37 @@ class WaterEstimator:
         if not colour.pixels.any():
             return WaterEstimate.not_assessable(Status.TOO_DARK)
         ranges, valid = colour.reduce(np.asarray(range_map, np.float32), view.valid)
-        blocks = reduce_to_blocks(colour, ranges, valid)
-        balance = colour_balance(view.pixels)
+        if view not in self._pictures:
+            blocks = without_ranges(colour, valid)
+            self._pictures[view] = (
+                blocks, cache(partial(appearance_of, blocks.light)), colour_balance(view.pixels))
+        blocks, appearance, balance = self._pictures[view]
+        blocks = with_ranges(blocks, ranges, blocks.side // colour.scale)
         return replace(
-            self.estimate_blocks(blocks, range_error), blocks=thinned(blocks, BLOCKS_KEPT),
-            grey_on_average=balance.grey, blue_as_green=balance.blue_as_green)
+            self.estimate_blocks(blocks, range_error, appearance),
+            blocks=thinned(blocks, BLOCKS_KEPT), grey_on_average=balance.grey,
+            blue_as_green=balance.blue_as_green)
 
-    def estimate_blocks(self, blocks: Blocks, range_error: float) -> WaterEstimate:
+    def estimate_blocks(
+        self, blocks: Blocks, range_error: float, appearance: Callable[[], Appearance] | None = None
+    ) -> WaterEstimate:
         """Estimate from blocks of one image or of several; `range_error` in 1/m."""
-        envelope = observe(blocks, range_error)
+        ranges = known_ranges(blocks)
+        envelope = observe(blocks, range_error, ranges)
         reason = refuse_frame(envelope, self._config.min_range_ratio)
         if reason is not Status.OK:
             return WaterEstimate.not_assessable(reason, envelope)
-        posterior = self._infer(blocks, range_error, self._clear_water)
-        if posterior is None:
+        statistics = summarise(blocks, range_error, self._clear_water, appearance, ranges)
+        if statistics is None:
             return WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS, envelope)
+        networks = self._networks
+        posterior = infer(networks, statistics)
         if posterior.lit_by_lamps:
             return WaterEstimate.not_assessable(Status.LIT_BY_LAMPS, envelope)
         status = [refuse_channel(envelope, channel) for channel in range(3)]
         active = np.array([each is Status.OK for each in status])
         if not active.any():
             return WaterEstimate.not_assessable(overall_status(status), envelope)
-        networks = self._networks
         if posterior.unlike > networks.most_unlike:
             status = refuse(status, Status.UNLIKE_TRAINING)
         if posterior.misfit > networks.most_misfit:
@@ -159,13 +180,6 @@ class WaterEstimator:
     @property
     def _networks(self) -> Network:
         return self._network or trained()
-
-    def _infer(
-        self, blocks: Blocks, range_error: float, clear_water: Array
-    ) -> Posterior | None:
-        """Infer the posterior of blocks of pixels; None where too few ranges are known."""
-        statistics = summarise(blocks, range_error, clear_water)
-        return None if statistics is None else infer(self._networks, statistics)
 
     def _one_light(
         self, posterior: Posterior, blocks: Blocks, range_error: float, seen: Mask,
@@ -205,7 +219,8 @@ class WaterEstimator:
         reason = refuse_frame(replace(envelope, grey=False), self._config.min_range_ratio)
         if reason is not Status.OK or refuse_channel(envelope, 0) is not Status.OK:
             return None
-        posterior = self._infer(blocks, range_error, np.full(3, self._clear_water.min()))
+        statistics = summarise(blocks, range_error, np.full(3, self._clear_water.min()))
+        posterior = None if statistics is None else infer(self._networks, statistics)
         if posterior is None or posterior.lit_by_lamps:
             return None
         parameters, covariance = self._one_light(

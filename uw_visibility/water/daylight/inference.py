@@ -125,7 +125,7 @@ def _misfit(draws: Array, weight: Array, statistics: Statistics) -> float:
         np.exp(statistics.of_bins[..., place].astype(np.float64)) for place in (DARKEST, LIGHTEST))
     attenuation, veil, light = np.moveaxis(np.exp(np.clip(draws, -20.0, 20.0)), 2, 0)
     # (D, 3, BINS): NumPy takes exponentials of many in a fraction of the time.
-    left = np.multiply.outer(-attenuation, np.exp(statistics.of_image[RANGES]))
+    left = -attenuation[..., np.newaxis] * np.exp(statistics.of_image[RANGES]).astype(np.float64)
     beyond = np.zeros(len(draws))
     _sum_up_beyond(np.exp(left, out=left), veil, light, darkest, lightest, there, beyond)
     return float(weight @ beyond) / int(there.sum())

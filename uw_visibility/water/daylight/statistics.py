@@ -11,6 +11,7 @@ to the median range, so that neither exposure nor the unit of length matters.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import cv2
@@ -21,7 +22,7 @@ from scipy.special import expit
 from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array, Mask
-from uw_visibility.water.blocks import FEWEST_BLOCKS, Blocks, place_by_range
+from uw_visibility.water.blocks import FEWEST_BLOCKS, Blocks, known_ranges, place_by_range
 
 BINS = 12
 # Fewest blocks of a bin, and of half a bin, that have statistics.
@@ -114,7 +115,45 @@ class Statistics(NamedTuple):
     median_range: float
 
 
-def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statistics | None:
+class Appearance(NamedTuple):
+    """What the statistics take from an image alone, whatever its ranges are."""
+
+    counted: Mask  # (h, w), blocks that count
+    brightest: Array  # (3,), irradiance that stands for the brightest of a channel
+    relative: NDArray[np.float32]  # (3, h, w), irradiance over the brightest
+    logarithm: Array  # (3, h, w), ln of that and FLOOR
+    # (3, h, w), half the second difference between neighbours along rows; NaN at the ends
+    contrast: NDArray[np.float32]
+    texture: Array  # (3,), ln of the median contrast
+    smooth: Mask  # (h, w), blocks of the smoothest part
+
+
+def appearance_of(light: NDArray[np.float32]) -> Appearance:
+    """Appearance of blocks of irradiance, (h, w, 3), of which one at least counts."""
+    counted = np.isfinite(light[..., 0])
+    planes = np.ascontiguousarray(np.moveaxis(light, 2, 0))
+    # Selecting by a mask of two axes takes six times as long.
+    known = np.compress(counted.ravel(), planes.reshape(3, -1), axis=1)
+    brightest: Array = np.maximum(np.quantile(known, BRIGHTEST, axis=1), LEAST_BRIGHTEST)
+    relative = (planes / brightest[:, np.newaxis, np.newaxis]).astype(np.float32)
+    contrast = np.full_like(relative, np.nan)
+    contrast[..., 1:-1] = np.abs(
+        relative[..., 1:-1] - 0.5 * (relative[..., :-2] + relative[..., 2:]))
+    mean = contrast.mean(axis=0)
+    there = mean[np.isfinite(mean)]
+    with np.errstate(invalid="ignore"):
+        smooth = mean <= (np.quantile(there, SMOOTHEST) if len(there) else 0.0)
+    texture = [np.median(each[np.isfinite(each)]) + FLOOR / 4 for each in contrast]
+    return Appearance(
+        counted, brightest, relative, np.log(np.add(relative, FLOOR, dtype=np.float64)), contrast,
+        np.log(texture), smooth)
+
+
+def summarise(
+    blocks: Blocks, range_error: float, clear_water: Array,
+    appearance: Callable[[], Appearance] | None = None,
+    known: tuple[Mask, NDArray[np.float32]] | None = None,
+) -> Statistics | None:
     """Summarise an image and its ranges; None where too few ranges are known.
 
     Parameters
@@ -124,23 +163,28 @@ def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statist
         Standard deviation of range over its square, 1/m.
     clear_water : (3,) float64 ndarray
         κ, 1/m.
+    appearance : callable, optional
+        Returns `appearance_of` the blocks' light, where it is at hand.
+    known : tuple, optional
+        `known_ranges` of the blocks, where these are at hand.
     """
-    counted = np.isfinite(blocks.light[..., 0])
-    near = np.isfinite(blocks.range) & counted
-    if near.sum() < FEWEST_BLOCKS:
+    near, order = known or known_ranges(blocks)
+    if len(order) < FEWEST_BLOCKS:
         return None
-    brightest, relative = _over_brightest(blocks.light, counted)
-    contrast = _contrast(relative)
-    ranges = blocks.range[near].astype(np.float64)
-    median = float(np.median(ranges))
-    place, mean_range, count, _ = place_by_range(blocks.range, near, BINS)
+    counted, brightest, relative, logarithm, contrast, texture, smooth = (
+        appearance() if appearance else appearance_of(blocks.light))
+    middle = len(order) // 2
+    median = float(order[[len(order) - 1 - middle, middle]].astype(np.float64).mean())
+    place, mean_range, count, _ = place_by_range(blocks.range, near, order, BINS)
     of_bins = np.zeros((3, BINS, OF_BIN), np.float32)
-    _summarise_bins(
-        np.log(np.add(relative, FLOOR, dtype=np.float64)), contrast, place, QUANTILES,
-        QUANTILES[list(COMPARED)], of_bins)
+    _summarise_bins(logarithm, contrast, place, QUANTILES, QUANTILES[list(COMPARED)], of_bins)
     of_bins[..., COARSE] = _coarse_contrast(relative, place)
-    of_tiles, of_bins[..., WITHIN_TILE], mean_rows = _summarise_tiles(relative, place)
-    water, ragged, width = _open_water(blocks.range, counted, contrast.mean(axis=0))
+    of_tile, means = np.zeros((TILES, BINS)), np.zeros((4, TILES, BINS))
+    energy, rows = np.zeros((3, BINS)), np.zeros(BINS)
+    _sum_up_tiles(relative, place, of_tile, means, energy, rows)
+    of_bins[..., WITHIN_TILE] = np.log(np.sqrt(energy / np.maximum(count, 1.0)) + 0.5 * FLOOR)
+    of_tiles = np.stack((*means[:3], of_tile / (of_tile + HALF_WEIGHT), means[3]))
+    water, ragged, width = _open_water(blocks.range, counted, smooth)
     of_channels = np.zeros((3, OF_CHANNEL), np.float32)
     seen_water = int(water.sum())
     upper_row, lower_row = 0.0, 0.0
@@ -158,8 +202,7 @@ def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statist
         at = np.nonzero(water)[0] / len(water) - 0.5
         upper_row, lower_row = float(at[:half].mean()), float(at[half:].mean())
     of_channels[:, NOISE] = np.log(blocks.noise / brightest + FLOOR / 4)
-    of_channels[:, CONTRAST] = np.log(
-        [np.median(each[np.isfinite(each)]) + FLOOR / 4 for each in contrast])
+    of_channels[:, CONTRAST] = texture
     of_channels[:, COLOUR] = np.log(brightest / brightest.mean())
     of_channels[:, BRIGHTNESS] = np.log(brightest)
     of_channels[:, CLIPPED] = blocks.clipped
@@ -170,36 +213,25 @@ def summarise(blocks: Blocks, range_error: float, clear_water: Array) -> Statist
          math.log(range_error * median + 1e-3), float(seen_water / counted.sum()),
          float(seen_water >= FEWEST_OF_WATER), upper_row, lower_row, float(blocks.encoded),
          float(blocks.deep), float(counted.mean()), ragged, width),
-        np.log(mean_range / median), np.log1p(count) - math.log1p(len(ranges) / BINS),
-        mean_rows))
+        np.log(mean_range / median), np.log1p(count) - math.log1p(len(order) / BINS),
+        rows / np.maximum(count, 1.0)))
     return Statistics(
-        of_bins, of_tiles, of_channels, of_image.astype(np.float32), brightest, median)
+        of_bins, of_tiles.astype(np.float32), of_channels, of_image.astype(np.float32), brightest,
+        median)
 
 
 def open_water_of(blocks: Blocks) -> tuple[Mask, float, float]:
     """Blocks that may be open water, with what tells whether they are: see `_open_water`."""
-    counted = np.isfinite(blocks.light[..., 0])
-    _, relative = _over_brightest(blocks.light, counted)
-    return _open_water(blocks.range, counted, _contrast(relative).mean(axis=0))
-
-
-def _over_brightest(
-    light: NDArray[np.float32], counted: Mask
-) -> tuple[Array, NDArray[np.float32]]:
-    """Brightest irradiance of the blocks that count, (3,), and that of all over it, (3, h, w)."""
-    planes = np.ascontiguousarray(np.moveaxis(light, 2, 0))
-    # Selecting by a mask of two axes takes six times as long.
-    known = np.compress(counted.ravel(), planes.reshape(3, -1), axis=1)
-    brightest: Array = np.maximum(np.quantile(known, BRIGHTEST, axis=1), LEAST_BRIGHTEST)
-    return brightest, (planes / brightest[:, np.newaxis, np.newaxis]).astype(np.float32)
+    appearance = appearance_of(blocks.light)
+    return _open_water(blocks.range, appearance.counted, appearance.smooth)
 
 
 def _open_water(
-    ranges: NDArray[np.float32], counted: Mask, smooth: NDArray[np.float32]
+    ranges: NDArray[np.float32], counted: Mask, smooth: Mask
 ) -> tuple[Mask, float, float]:
     """Blocks that may be open water, ln of how ragged their lower edge is, and their width.
 
-    `smooth` is the blocks' contrast. Width is the part of the columns that are open.
+    `smooth` are the blocks of the smoothest part. Width is the part of the columns that are open.
     """
     unknown = np.isnan(ranges)
     # A single block with a range is a false match in open water, or a fish.
@@ -208,30 +240,16 @@ def _open_water(
     above = (np.maximum.accumulate(surface, axis=0) == 0) & counted
     depth = above.mean(axis=0)
     ragged = np.abs(np.diff(depth)).mean() / max(depth.mean(), 2.0 * LEAST_RAGGED)
-    there = smooth[np.isfinite(smooth)]
-    limit = np.quantile(there, SMOOTHEST) if len(there) else 0.0
-    with np.errstate(invalid="ignore"):
-        water = above & unknown & (smooth <= limit)
     return (
-        water, math.log(ragged + LEAST_RAGGED), float((depth > LEAST_OPEN).mean()))
-
-
-def _contrast(relative: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Half the second difference between neighbours along rows, (3, h, w); NaN at the ends."""
-    contrast = np.full_like(relative, np.nan)
-    contrast[..., 1:-1] = np.abs(
-        relative[..., 1:-1] - 0.5 * (relative[..., :-2] + relative[..., 2:]))
-    return contrast
+        above & unknown & smooth, math.log(ragged + LEAST_RAGGED),
+        float((depth > LEAST_OPEN).mean()))
 
 
 @njit(nogil=True)
 def _summarise_bins(
     logarithm: Any, contrast: Any, place: Any, quantiles: Any, compared: Any, of_bins: Any
 ) -> None:
-    """Fill the statistics of bins, from histograms of the logarithm, ln (irradiance + FLOOR).
-
-    NumPy takes logarithms of many in a third of the time.
-    """
+    """Fill the statistics of bins, from histograms of ln (irradiance + FLOOR)."""
     height, width = place.shape
     # Of a whole bin, then of its part in the first half of each split.
     levels = np.zeros((BINS, 3, 1 + HALVES, LEVELS), np.int32)
@@ -281,29 +299,13 @@ def _summarise_bins(
             row[OF_BIN - 1] = 1.0
 
 
-def _summarise_tiles(
-    relative: NDArray[np.float32], place: NDArray[np.int8]
-) -> tuple[NDArray[np.float32], NDArray[np.float32], Array]:
-    """Means, weights and rows by tile and bin, contrast within tiles (3, BINS), rows of bins."""
-    count, means = np.zeros((TILES, BINS)), np.zeros((4, TILES, BINS))
-    energy, rows = np.zeros((3, BINS)), np.zeros(BINS)
-    _sum_up_tiles(relative, place, count, means, energy, rows)
-    of_bin = np.maximum(count.sum(axis=0), 1.0)
-    return (
-        np.stack((*means[:3], count / (count + HALF_WEIGHT), means[3])).astype(np.float32),
-        np.log(np.sqrt(energy / of_bin) + 0.5 * FLOOR).astype(np.float32), rows / of_bin)
-
-
 @njit(nogil=True)
 def _sum_up_tiles(
     relative: Any, place: Any, count: Any, means: Any, energy: Any, rows: Any
 ) -> None:
-    """Fill numbers and means of tiles, squares of what is off these and sums of rows by bin.
-
-    A row is −0.5 above to 0.5 below.
-    """
+    """Fill numbers and means of tiles, squares of what is off these, and sums of rows by bin."""
     height, width = place.shape
-    for step in range(2):
+    for means_are_known in (False, True):
         for y in range(height):
             row = y / height - 0.5
             for x in range(width):
@@ -311,16 +313,15 @@ def _sum_up_tiles(
                     continue
                 i = index_of(place[y, x], 0, BINS - 1)
                 at = y * TILES_ACROSS // height * TILES_ACROSS + x * TILES_ACROSS // width
-                if step == 0:
-                    count[at, i] += 1.0
-                    rows[i] += row
-                    means[3, at, i] += row
-                for c in range(3):
-                    if step == 0:
-                        means[c, at, i] += relative[c, y, x]
-                    else:
+                if means_are_known:
+                    for c in range(3):
                         energy[c, i] += (relative[c, y, x] - means[c, at, i]) ** 2
-        if step == 0:
+                    continue
+                count[at, i] += 1.0
+                rows[i] += row
+                for c in range(4):
+                    means[c, at, i] += relative[c, y, x] if c < 3 else row
+        if not means_are_known:
             means /= np.maximum(count, 1.0)
 
 
