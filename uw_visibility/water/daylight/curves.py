@@ -232,25 +232,21 @@ def curves(
 
 def _least(residual: NDArray[np.floating]) -> NDArray[np.floating]:
     """ln thickness where residuals over the grid are least, by a parabola, (...)."""
-    middle = np.clip(residual.argmin(axis=-1), 1, len(THICKNESS) - 2)
-    before, here, after = (_taken(residual, middle + k) for k in (-1, 0, 1))
+    middle = np.clip(residual.argmin(axis=-1), 1, len(THICKNESS) - 2)[..., np.newaxis]
+    before, here, after = np.moveaxis(
+        np.take_along_axis(residual, middle + np.arange(-1, 2), axis=-1), -1, 0)
     bend = np.maximum(before - 2.0 * here + after, 1e-6)
     step = np.clip(0.5 * (before - after) / bend, -1.0, 1.0)
-    return np.asarray(LOG_THICKNESS[0] + (middle + step) * STEP)
+    return np.asarray(LOG_THICKNESS[0] + (middle[..., 0] + step) * STEP)
 
 
 def _at(values: NDArray[np.floating], log_thickness: NDArray[np.floating]) -> NDArray[np.floating]:
     """Values over the grid, interpolated at a thickness."""
     place = np.clip((log_thickness - LOG_THICKNESS[0]) / STEP, 0.0, len(THICKNESS) - 1.001)
     below = place.astype(int)
-    first, second = (_taken(values, below + k) for k in (0, 1))
+    first, second = np.moveaxis(
+        np.take_along_axis(values, below[..., np.newaxis] + np.arange(2), axis=-1), -1, 0)
     return np.asarray(first + (place - below) * (second - first))
-
-
-def _taken(values: NDArray[np.floating], at: NDArray[np.integer]) -> NDArray[np.floating]:
-    """Values (..., G) at one place of the grid each, (...)."""
-    flat = np.ascontiguousarray(values).reshape(-1, values.shape[-1])
-    return np.asarray(flat[np.arange(len(flat)), at.ravel()]).reshape(at.shape)
 
 
 def _fit_all(

@@ -124,7 +124,7 @@ class Appearance(NamedTuple):
     logarithm: Array  # (3, h, w), ln of that and FLOOR
     # (3, h, w), half the second difference between neighbours along rows; NaN at the ends
     contrast: NDArray[np.float32]
-    texture: Array  # (3,), ln of the median contrast
+    texture: NDArray[np.float32]  # (3,), ln of the median contrast
     smooth: Mask  # (h, w), blocks of the smoothest part
 
 
@@ -143,10 +143,10 @@ def appearance_of(light: NDArray[np.float32]) -> Appearance:
     there = mean[np.isfinite(mean)]
     with np.errstate(invalid="ignore"):
         smooth = mean <= (np.quantile(there, SMOOTHEST) if len(there) else 0.0)
-    texture = [np.median(each[np.isfinite(each)]) + FLOOR / 4 for each in contrast]
+    texture = np.array([np.median(each[np.isfinite(each)]) for each in contrast])
     return Appearance(
         counted, brightest, relative, np.log(np.add(relative, FLOOR, dtype=np.float64)), contrast,
-        np.log(texture), smooth)
+        np.log(texture + FLOOR / 4), smooth)
 
 
 def summarise(
@@ -178,11 +178,15 @@ def summarise(
     place, mean_range, count, _ = place_by_range(blocks.range, near, order, BINS)
     of_bins = np.zeros((3, BINS, OF_BIN), np.float32)
     _summarise_bins(logarithm, contrast, place, QUANTILES, QUANTILES[list(COMPARED)], of_bins)
-    of_bins[..., COARSE] = _coarse_contrast(relative, place)
-    of_tile, means = np.zeros((TILES, BINS)), np.zeros((4, TILES, BINS))
-    energy, rows = np.zeros((3, BINS)), np.zeros(BINS)
-    _sum_up_tiles(relative, place, of_tile, means, energy, rows)
-    of_bins[..., WITHIN_TILE] = np.log(np.sqrt(energy / np.maximum(count, 1.0)) + 0.5 * FLOOR)
+    of_tile, means, rows = np.zeros((TILES, BINS)), np.zeros((4, TILES, BINS)), np.zeros(BINS)
+    off, number, coarse = np.zeros((3, 3, BINS))
+    _sum_up(relative, place, of_tile, means, off, rows, number, coarse)
+    of_bins[..., WITHIN_TILE] = np.log(np.sqrt(off / np.maximum(count, 1.0)) + 0.5 * FLOOR)
+    level = np.log(np.sqrt(coarse / np.maximum(number, 1.0)) + 0.5 * FLOOR)
+    # A bin with few contrasts has that of its neighbours.
+    for c, many in enumerate(number >= FEWEST_OF_BIN):
+        of_bins[c, :, COARSE] = level[c] if not many.any() else np.interp(
+            np.arange(BINS), np.flatnonzero(many), level[c, many])
     of_tiles = np.stack((*means[:3], of_tile / (of_tile + HALF_WEIGHT), means[3]))
     water, ragged, width = _open_water(blocks.range, counted, smooth)
     of_channels = np.zeros((3, OF_CHANNEL), np.float32)
@@ -300,11 +304,17 @@ def _summarise_bins(
 
 
 @njit(nogil=True)
-def _sum_up_tiles(
-    relative: Any, place: Any, count: Any, means: Any, energy: Any, rows: Any
+def _sum_up(
+    relative: Any, place: Any, count: Any, means: Any, off: Any, rows: Any, number: Any,
+    coarse: Any,
 ) -> None:
-    """Fill numbers and means of tiles, squares of what is off these, and sums of rows by bin."""
+    """Fill numbers and means of tiles; by bin squares of what is off these, and sums of rows.
+
+    Also the number and squares of contrasts between blocks COARSE_STEP apart along rows, of blocks
+    at most one bin apart, by channel and bin.
+    """
     height, width = place.shape
+    half, most = np.float32(0.5), np.float32(MOST_CONTRAST)
     for means_are_known in (False, True):
         for y in range(height):
             row = y / height - 0.5
@@ -313,49 +323,26 @@ def _sum_up_tiles(
                     continue
                 i = index_of(place[y, x], 0, BINS - 1)
                 at = y * TILES_ACROSS // height * TILES_ACROSS + x * TILES_ACROSS // width
-                if means_are_known:
-                    for c in range(3):
-                        energy[c, i] += (relative[c, y, x] - means[c, at, i]) ** 2
+                if not means_are_known:
+                    count[at, i] += 1.0
+                    rows[i] += row
+                    for c in range(4):
+                        means[c, at, i] += relative[c, y, x] if c < 3 else row
                     continue
-                count[at, i] += 1.0
-                rows[i] += row
-                for c in range(4):
-                    means[c, at, i] += relative[c, y, x] if c < 3 else row
+                before, after = x - COARSE_STEP, x + COARSE_STEP
+                alike = before >= 0 and after < width and (
+                    min(place[y, before], place[y, after]) >= max(i - 1, 0)
+                    and max(place[y, before], place[y, after]) <= i + 1)
+                for c in range(3):
+                    off[c, i] += (relative[c, y, x] - means[c, at, i]) ** 2
+                    if alike:
+                        step = abs(relative[c, y, x] - half * (
+                            relative[c, y, before] + relative[c, y, after]))
+                        if step < most:
+                            number[c, i] += 1.0
+                            coarse[c, i] += step * step
         if not means_are_known:
             means /= np.maximum(count, 1.0)
-
-
-def _coarse_contrast(
-    relative: NDArray[np.float32], place: NDArray[np.int8]
-) -> NDArray[np.float32]:
-    """ln contrast between blocks COARSE_STEP apart along rows, (3, BINS).
-
-    Of blocks at most one bin apart. A bin with few of them has that of its neighbours.
-    """
-    number, energy = np.zeros((3, BINS)), np.zeros((3, BINS))
-    _sum_up_coarse(relative, place, number, energy)
-    level = np.log(np.sqrt(energy / np.maximum(number, 1.0)) + 0.5 * FLOOR)
-    for of_channel, many in zip(level, number >= FEWEST_OF_BIN, strict=True):
-        if many.any():
-            of_channel[:] = np.interp(np.arange(BINS), np.flatnonzero(many), of_channel[many])
-    return level.astype(np.float32)
-
-
-@njit(nogil=True)
-def _sum_up_coarse(relative: Any, place: Any, number: Any, energy: Any) -> None:
-    """Count and sum up the squares of contrasts over COARSE_STEP, by channel and bin."""
-    half, most = np.float32(0.5), np.float32(MOST_CONTRAST)
-    for y in range(place.shape[0]):
-        for x in range(COARSE_STEP, place.shape[1] - COARSE_STEP):
-            i, before, after = place[y, x], place[y, x - COARSE_STEP], place[y, x + COARSE_STEP]
-            if min(i, before, after) < 0 or abs(before - i) > 1 or abs(after - i) > 1:
-                continue
-            for c in range(3):
-                step = abs(relative[c, y, x] - half * (
-                    relative[c, y, x - COARSE_STEP] + relative[c, y, x + COARSE_STEP]))
-                if step < most:
-                    number[c, i] += 1.0
-                    energy[c, i] += step * step
 
 
 @njit(nogil=True)
