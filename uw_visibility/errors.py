@@ -101,9 +101,8 @@ def check_range(
         return
     given = ", ".join(f"{n:g}" for n in numbers) or "missing"
     unit = f" {unit}" if unit else ""
-    wanted = f"give {'numbers' if several else 'a number'} between {low:g} and {high:g}{unit}"
-    if above:
-        wanted += f", not {low:g}"
+    within = f"greater than {low:g} and at most" if above else f"between {low:g} and"
+    wanted = f"give {'numbers' if several else 'a number'} {within} {high:g}{unit}"
     if high == math.inf:
         wanted = f"give {'more than ' if above else ''}{low:g}{unit}{'' if above else ' or more'}"
     raise InputError(f"{what} {'are' if several else 'is'} {given}{unit}: {wanted}")

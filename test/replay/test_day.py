@@ -83,7 +83,8 @@ def test_the_index_has_a_row_for_each_recording_by_time(day: Path) -> None:
                  "2.0 to 6.0 m (sensor)", "all 3 frames, ± "):
         assert part in told[0], told[0]
     assert "2023-11-15 00:13:20" in told[1] and "60.00072° N" in told[1]
-    assert "not assessed none of 2 frames Why not: too few" in told[2]
+    assert "not assessed none of 2 frames Reasons why visibility" in told[2]
+    assert "with numbers of frames: too few" in told[2]
     assert re.search(r"Recordings without a result:.*broken: cannot read bag", text, re.DOTALL)
 
 

@@ -162,7 +162,7 @@ def test_water_too_turbid_to_see_in_is_said_to_be_so(
     opening = said(text)
     assert {row["visibility_distance"] for row in done.rows} == {""}
     assert opening.startswith("Visibility could not be assessed in any of 2 frames, from 2023-1")
-    assert "Why not: too few" in opening
+    assert "could not be assessed, with numbers of frames: too few" in opening
     assert "<dt>of 2 frames show visibility by themselves</dt><dd>0 %</dd>" in text
     assert "100 %" not in text[:text.index("<figure")]
     assert done.out.startswith(f"{tmp_path / 'turbid'}: Visibility could not be assessed in any of")

@@ -99,7 +99,7 @@ def test_the_black_disc_and_the_distance_of_the_paper_stand_side_by_side() -> No
     assert QUANTITIES["black_disc_visibility"].definition[1:] in sentences[1]
     assert ("; visibility distance 10 m (8 to 12): 2.35/β of green, the clearest channel; Secchi "
             "depth 7 m (6 to 9): depth at which a white disk is lost from above" in sentences[1])
-    assert sentences[1].endswith(" In brackets: from 16 to 84 %, of the median frame.")
+    assert sentences[1].endswith(" In brackets: 16th to 84th percentile, of the median frame.")
     columns = {name: np.full(3, math.nan) for name in OVERVIEW_COLUMNS}
     tiles = key_numbers(columns, summary, "2.35/β")
     assert [value for value, _ in tiles[:3]] == [
@@ -113,7 +113,7 @@ def test_a_value_that_is_hardly_known_is_neither_worst_nor_best() -> None:
     assert sentences[2].startswith("Visibility distance was from 6.00 ± 0.10 m to 8.00 ± 0.10 m")
     assert sentences[2].endswith("worst in frame 0, best in frame 2.")
     # The page shows the quantiles too, which lie beyond.
-    assert ("are so beyond one standard deviation; 90 % of the distances are from 1.75 to "
+    assert ("taken into account; 90 % of the distances are from 1.75 to "
             "35.2 m." in sentences[3])
 
 
@@ -164,7 +164,9 @@ def test_nothing_assessed_is_said_first_and_why() -> None:
     )
     assert sentences[0] == ("Visibility could not be assessed in any of 4 frames, from "
                             "2023-11-14 22:13:20 to 22:13:23 UTC.")
-    assert sentences[1].startswith("Why not: range spread too small (3), that is: all that is seen")
+    assert sentences[1].startswith(
+        "Reasons why visibility could not be assessed, with numbers of frames: "
+        "range spread too small (3), that is: all that is seen")
     assert "too dark (1)" in sentences[1]
     assert "%" not in "".join(sentences)
     assert summary.synopsis is not None and summary.synopsis.share == 0.0
@@ -175,13 +177,15 @@ def test_a_frame_refused_is_a_share_below_all() -> None:
     frames = [seen(k, 6.0) for k in range(999)]
     sentences, _ = told(*frames, seen(999, math.nan, status=Status.TOO_DARK))
     assert "in 999 of 1000 frames (99 %)" in sentences[0]
-    assert any(s.startswith("1 frame does not show it by itself: too dark (1)") for s in sentences)
+    assert any(
+        s.startswith("1 frame gives no visibility distance alone. Reasons, with numbers of frames: "
+                     "too dark (1)") for s in sentences)
 
 
 def test_what_lies_beyond_all_that_was_seen_is_said_to_be_extrapolated() -> None:
     sentences, _ = told(seen(0, 20.0), seen(1, 20.0))
     assert "Nothing was seen beyond 9.0 m" in sentences[3]
-    assert "its standard deviation is 0.50 % in the median frame" in sentences[3]
+    assert "the standard deviation is 0.50 % in the median frame" in sentences[3]
     assert "no wrong calibration or camera setting" in sentences[3]
 
 
@@ -232,8 +236,8 @@ def test_the_filter_and_surveys_are_told() -> None:
     )
     assert "from 6.00 ± 0.10 m to 6.30 ± 0.10 m" in sentences[2]
     assert "filtered over frames" in sentences[1]
-    assert ("1 frame without a distance of its own has that of other frames: changes of the water "
-            "meanwhile were not seen." in sentences[3])
+    assert ("1 frame gives no distance and has that of other frames: changes of the water in "
+            "between are not detected." in sentences[3])
     assert "The filter rejected 1 of 3 frames." in sentences
     sentences, _ = told(seen(0, 5.0, filtered=6.0, event=event.STARTED))
     assert sentences[-1] == "The filter over frames rejected none of 1 estimate."
@@ -241,7 +245,7 @@ def test_the_filter_and_surveys_are_told() -> None:
     sentences, _ = told(*(
         seen(k, math.nan, status=Status.RANGE_SPREAD_TOO_SMALL, filtered=6.0,
              event=event.SURVEYED, survey=together) for k in range(2)))
-    assert sentences[0].startswith("No frame of 2 shows the visibility distance by itself; taken "
+    assert sentences[0].startswith("No single frame of 2 gives a visibility distance; taken "
                                    "together, 2 have one")
     assert sentences[0].endswith("over ranges from 1.6 to 2.2 m.")
     assert sentences[-1].startswith("Filtered water of 2 frames is that of a survey: up to 30")
@@ -267,7 +271,7 @@ def test_the_definition_is_that_of_the_code() -> None:
         found = re.search(r"= ([\d.]+)/β", definition(contrast))
         assert found
         assert float(found[1]) == pytest.approx(visibility_distance(1.0, contrast), abs=0.005)
-    assert "a contrast of 5 %" in definition(0.05)
+    assert "a Michelson contrast of 5 %" in definition(0.05)
     assert "before open water as bright as the white one" in definition(0.05)
     assert "ln(1/C)/c = 3.0/c" in definition(0.05)
 

@@ -15,30 +15,33 @@ MEANINGS = {
     Status.SATURATED: "Too many pixels at the largest value.",
     Status.TOO_DARK: "Too little light reaches the camera.",
     Status.NO_TEXTURE: "The image is one colour.",
-    Status.AMBIENT_LIGHT_UNBOUNDED: "Nothing bright or far enough bounds the light of the water.",
+    Status.AMBIENT_LIGHT_UNBOUNDED: "The ambient light cannot be estimated: neither open water nor "
+    "anything bright is in view.",
     Status.FIT_FAILED: "The light that was seen does not follow the model of one water.",
     Status.NO_DAYLIGHT_COLOUR: "The light has not the colour of daylight at any depth: lamps, or a "
     "camera whose white is not the one that was configured.",
     Status.GREY_ON_AVERAGE: "The channels have the same mean, as automatic white balance makes "
     "them, while water would have taken the red: the colour of daylight, which tells the depth, "
     "is lost.",
-    Status.OTHER_TRANSFER: "Images look encoded the other way than configured: linear or sRGB.",
+    Status.OTHER_TRANSFER: "The images look sRGB-encoded where linear is configured, or the "
+    "reverse.",
     Status.CLEARER_THAN_CLEAR_WATER: "The water would be clearer than pure sea water: a camera "
     "setting or the calibration is wrong.",
-    Status.NOT_ONE_WATER: "Dark patches lighten with range otherwise than any single water and "
-    "veil would make them: a layer, vignetting, or a veil that changes over the image.",
-    Status.UNLIKE_TRAINING: "The image is farther from all that the estimator was trained on than "
-    "three in a thousand of those are: its answer may be anything.",
+    Status.NOT_ONE_WATER: "Brightness changes with range in a way that uniform water cannot "
+    "explain: a layer of other water, vignetting, or a veil that is uneven across the image.",
+    Status.UNLIKE_TRAINING: "The image differs from 99.7 % of those that the estimator was trained "
+    "on: no estimate of it would be reliable.",
     Status.STEPS_DISAGREE: "The coarse mesh of step 1 and the dense disparities of step 2 give "
     "different attenuations, so that one of them has wrong ranges.",
     Status.RANGES_OF_ANOTHER_SCENE: "Edges of the image and steps of the ranges lie at other "
     "places, as those of two scenes do.",
     Status.NO_WATER_TYPE: "No Jerlov type attenuates the three channels in these proportions.",
     Status.WATER_TYPE_UNCERTAIN: "Several Jerlov types fit the attenuation about equally well.",
-    Status.LIT_BY_LAMPS: "What is near is brighter than what is far, as by lamps, and nobody told "
-    "of lamps. By day a white board held before dark ground can look the same.",
-    Status.LEFT_TO_STEP_2: "The first step leaves the water under lamps to the second.",
-    Status.NO_DEPTH_BY_LAMPS: "Depth is read from daylight's colour, and lamps light the scene.",
+    Status.LIT_BY_LAMPS: "Near objects are brighter than far ones, as under lamps, but no lamps "
+    "are configured. By day a white board held before dark ground can look the same.",
+    Status.LEFT_TO_STEP_2: "Under lamps only step 2, with dense ranges, estimates the water.",
+    Status.NO_DEPTH_BY_LAMPS: "Depth is estimated from the colour of daylight, and lamps light the "
+    "scene.",
 }
 
 REMEDIES = {
@@ -74,7 +77,8 @@ REMEDIES = {
     Status.NO_WATER_TYPE: "Take the attenuation itself; check camera.response.",
     Status.WATER_TYPE_UNCERTAIN: "Take the attenuation itself, or more frames together.",
     Status.LIT_BY_LAMPS: "Set lighting.model to lamps, or to both beside daylight, and "
-    "lighting.positions to where they are. Without lamps, keep what is bright out of the near.",
+    "lighting.positions to where they are. Without lamps, keep bright objects out of the "
+    "foreground.",
     Status.LEFT_TO_STEP_2: "Nothing: look at the result of the second step.",
     Status.NO_DEPTH_BY_LAMPS: "Take the depth sensor's; by day turn lamps off.",
 }

@@ -69,11 +69,11 @@ def definition(contrast: float) -> str:
     """Say what the distances are."""
     disc = QUANTITIES["black_disc_visibility"]
     return (
-        f"Black-disc visibility, which divers mean by visibility: {_lower(disc.definition)} "
-        f"({disc.source}). {disc.caveat} "
-        "Visibility distance: how far off a white and a black patch side by side still differ by "
-        f"a contrast of {100.0 * contrast:g} % (Michelson), before open water as bright as the "
-        "white one (farther where it is darker): ln((1 + C)/(2C))/β = "
+        "Black-disc visibility is closest to what divers call visibility: "
+        f"{_lower(disc.definition)} ({disc.source}). {disc.caveat} "
+        "Visibility distance is where a white and a black patch side by side keep a Michelson "
+        f"contrast of {100.0 * contrast:g} %, before open water as bright as the white one (it is "
+        "larger where the water is darker): ln((1 + C)/(2C))/β = "
         f"{formula(contrast)}, with C that contrast and β the attenuation of the clearest channel "
         "(Roser, Dunbabin and Geiger 2014, eq. 12). It is not Koschmieder's distance of a black "
         f"object before open water, ln(1/C)/c = {number(math.log(1.0 / contrast), 2)}/c (Duntley "
@@ -139,7 +139,7 @@ def _seen(synopsis: Synopsis) -> Sentence:
         where = f", over ranges from {number(low, 2)} to {number(high, 2)} m"
     if not synopsis.assessed:
         return [
-            f"No frame of {synopsis.frames} shows the visibility distance by itself; taken "
+            f"No single frame of {synopsis.frames} gives a visibility distance; taken "
             f"together, {synopsis.told} have one, {when}{where}."
         ]
     return [
@@ -152,7 +152,7 @@ def _headline(synopsis: Synopsis) -> Sentence:
     paper += ", filtered over frames" if synopsis.filtered else ""
     parts = "; ".join(
         f"{each.title} {each.value}: {each.what}" for each in headline(synopsis.typical, paper))
-    return [f"{_sentence(parts)} In brackets: from 16 to 84 %, of the median frame."]
+    return [f"{_sentence(parts)} In brackets: 16th to 84th percentile, of the median frame."]
 
 
 def _distance(synopsis: Synopsis) -> Sentence:
@@ -200,16 +200,16 @@ def course(synopsis: Synopsis) -> str:
 
 def _trust(synopsis: Synopsis) -> Sentence:
     text = (
-        "How far to trust it: its standard deviation is "
-        f"{percentage(synopsis.relative_stddev)} in the median frame. That includes noise and what "
-        "the scene does not show, but no wrong calibration or camera setting."
+        f"Uncertainty: the standard deviation is {percentage(synopsis.relative_stddev)} in the "
+        "median frame. It covers noise and the limits of the scene, not a wrong calibration or "
+        "camera setting."
     )
     low, high = synopsis.lowest, synopsis.highest
     assert low is not None and high is not None
     if synopsis.differs and (synopsis.low < low.value or synopsis.high > high.value):
         text += (
-            " The worst and the best frame are those that are so beyond one standard "
-            f"deviation; 90 % of the distances are from {number(synopsis.low)} to "
+            " The worst and the best frame are chosen with one standard deviation taken into "
+            f"account; 90 % of the distances are from {number(synopsis.low)} to "
             f"{number(synopsis.high)} m."
         )
     if synopsis.ranges and synopsis.median > synopsis.ranges[1]:
@@ -219,9 +219,9 @@ def _trust(synopsis: Synopsis) -> Sentence:
         )
     if synopsis.filtered and synopsis.assessed and synopsis.told > synopsis.assessed:
         bridged = synopsis.told - synopsis.assessed
-        own = "its own has" if bridged == 1 else "their own have"
-        text += f" {amount(bridged, 'frame')} without a distance of {own} that of other frames: "
-        text += "changes of the water meanwhile were not seen."
+        gives, own = ("gives", "has") if bridged == 1 else ("give", "have")
+        text += f" {amount(bridged, 'frame')} {gives} no distance and {own} that of other frames: "
+        text += "changes of the water in between are not detected."
     return [text]
 
 
@@ -234,10 +234,10 @@ def _refused(summary: Summary, synopsis: Synopsis) -> Sentence:
          if r.what == WHOLE_FRAME or DISTANCE in r.what.split(", ")),
         key=lambda refusal: -refusal.count,
     )
-    text = f"{amount(missing, 'frame')} {'does' if missing == 1 else 'do'} not show it by "
-    text += "itself: " if missing == 1 else "themselves: "
+    alone = "frame gives" if missing == 1 else "frames give"
+    text = f"{missing} {alone} no visibility distance alone. Reasons, with numbers of frames: "
     if not synopsis.assessed:
-        text = "Why not: "
+        text = "Reasons why visibility could not be assessed, with numbers of frames: "
     text += "; ".join(_reason(refusal) for refusal in reasons[:MOST_REASONS])
     more = len(reasons) - MOST_REASONS
     return [text + (f"; and {more} further reasons." if more > 0 else ".")]
