@@ -186,7 +186,7 @@ def test_what_lies_beyond_all_that_was_seen_is_said_to_be_extrapolated() -> None
     sentences, _ = told(seen(0, 20.0), seen(1, 20.0))
     assert "Nothing was seen beyond 9.0 m" in sentences[3]
     assert "the standard deviation is 0.50 % in the median frame" in sentences[3]
-    assert "no wrong calibration or camera setting" in sentences[3]
+    assert "not a wrong calibration or camera setting" in sentences[3]
 
 
 @pytest.mark.parametrize("start", [0.0, 5e5, 315_964_800.0])
