@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, Map, Mask
 from uw_visibility_lab.worlds import beliefs as believed
+from uw_visibility_lab.worlds.beliefs import count, happens
 from uw_visibility_lab.worlds.beliefs import draw as drawn
-from uw_visibility_lab.worlds.beliefs import happens
 from uw_visibility_lab.worlds.camera import draw_curve, record, told_linear
 from uw_visibility_lab.worlds.lamps import light_by_lamps
 from uw_visibility_lab.worlds.ranging import measure_ranges
@@ -157,6 +157,8 @@ def draw(
             ranges = _open(streams("open water"), ranges)
         else:
             names = tuple(name for name in names if name != "open water")
+    if "board" in names:
+        _add_board(streams("board"), reflectance, ranges)
     if "fish" in names:
         _add_fish(streams("fish"), reflectance, ranges)
     known = np.isfinite(ranges)
@@ -329,6 +331,32 @@ def _open(rng: np.random.Generator, ranges: Map) -> Map:
     line = cv2.resize(
         points.astype(np.float32)[np.newaxis], (width, 1), interpolation=cv2.INTER_CUBIC) * height
     return np.where(np.arange(height)[:, np.newaxis] < line, np.float32(np.inf), ranges)
+
+
+def _add_board(rng: np.random.Generator, reflectance: Map, ranges: Map) -> None:
+    """Hold a board before the scene: bright, near, plain or with dark fields.
+
+    Most pixels then have one of two ranges, and what is near is bright: as by lamps, by day.
+    """
+    height, width = ranges.shape
+    median = float(np.median(ranges[np.isfinite(ranges)]))
+    lean = math.radians(drawn(rng, "place.board_lean"))
+    half = width * drawn(rng, "place.board_half")
+    x = np.arange(width, dtype=np.float32) - np.float32(width * drawn(rng, "place.board_place"))
+    y = np.arange(height, dtype=np.float32)[:, np.newaxis]
+    y = y - np.float32(height * drawn(rng, "place.board_place"))
+    # Coordinates on the board, -1..1.
+    u = (math.cos(lean) * x + math.sin(lean) * y) / half
+    v = (math.cos(lean) * y - math.sin(lean) * x) / (half * drawn(rng, "place.board_shape"))
+    tilt, turn = drawn(rng, "place.board_tilt"), drawn(rng, "place.board_tilt")
+    near = median * drawn(rng, "place.board_range") * (1.0 + tilt * v + turn * u)
+    inside = (np.abs(u) < 1.0) & (np.abs(v) < 1.0) & (near < ranges)
+    fields = count(rng, "place.board_fields")
+    dark = (np.floor((u + 1.0) * fields / 2) + np.floor((v + 1.0) * fields / 2)) % 2 == 1
+    albedo = np.where(dark, drawn(rng, "place.board_dark"), 1.0) * drawn(
+        rng, "place.board_albedo")
+    reflectance[inside] = albedo[inside, np.newaxis]
+    ranges[inside] = near[inside]
 
 
 def _add_fish(rng: np.random.Generator, reflectance: Map, ranges: Map) -> None:
@@ -556,13 +584,13 @@ def _add_halo(rng: np.random.Generator, direct: Map, ranges: Map, rate: Array) -
 def _add_snow(rng: np.random.Generator, irradiance: Map, light: Array) -> None:
     """Add bright specks of near particles."""
     height, width = irradiance.shape[:2]
-    count = int(drawn(rng, "place.snow") * height * width)
+    specks = int(drawn(rng, "place.snow") * height * width)
     layer = np.zeros((height, width), np.float32)
     strength = drawn(rng, "place.snow_light")
-    layer[rng.integers(height, size=count), rng.integers(width, size=count)] = (
-        strength * rng.random(count))
+    layer[rng.integers(height, size=specks), rng.integers(width, size=specks)] = (
+        strength * rng.random(specks))
     few = np.zeros_like(layer)
-    large = max(count // 20, 1)
+    large = max(specks // 20, 1)
     few[rng.integers(height, size=large), rng.integers(width, size=large)] = (
         strength * _SPREAD * rng.random(large))
     layer += cv2.GaussianBlur(few, (0, 0), 1.5 * height / SIZE[0])
