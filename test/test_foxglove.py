@@ -70,7 +70,8 @@ def test_images_are_images_with_their_calibration(layout: dict[str, Any]) -> Non
 
 def test_the_command_of_the_page_gives_a_layout_for_a_namespace(layout: dict[str, Any]) -> None:
     page = FILE.parents[1] / "docs" / "start" / "robot.md"
-    (script,) = re.findall(r"^sed '(.*)' uw_visibility\.json", page.read_text(), flags=re.M)
+    (script,) = re.findall(
+        r"^sed '(.*)' foxglove/uw_visibility\.json", page.read_text(), flags=re.M)
     done = subprocess.run(
         ["sed", script, str(FILE)], capture_output=True, text=True, check=True)
 

@@ -64,7 +64,7 @@ def test_colours_come_back(in_water, name):
     In art attenuation is told 0.06 1/m too small: its far wall stays pale. Aloe's far wall has no
     contrast above the codes' rounding left: it keeps the look of the water.
     """
-    assert error_left(*in_water[name]) < {"art": 1.1, "aloe": 0.65}.get(name, 0.5)
+    assert error_left(*in_water[name]) < {"art": 1.1, "aloe": 0.75}.get(name, 0.5)
 
 
 def test_colours_come_back_on_average(in_water):

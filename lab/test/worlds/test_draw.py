@@ -208,7 +208,7 @@ def test_an_effect_left_out_leaves_the_others() -> None:
     assert seen > 5
 
 
-def test_random_views_are_plain_in_half_and_finite() -> None:
+def test_random_views_are_plain_in_a_third_and_finite() -> None:
     harmless = {name.partition(".")[2] for name in module.believed.beliefs()
                 if name.startswith("always.")}
     plain, known = 0, []
@@ -225,7 +225,7 @@ def test_random_views_are_plain_in_half_and_finite() -> None:
             assert value.shape == (3,) and (value >= 0.0).all() and np.isfinite(value).all()
         assert seen.range_error >= 0.0 and np.isfinite(seen.range_error)
         known.append(np.isfinite(seen.ranges).mean())
-    assert 0.38 < plain / 150 < 0.62
+    assert 0.25 < plain / 150 < 0.48
     assert np.median(known) > 0.4
 
 

@@ -301,7 +301,7 @@ def test_the_deviation_grows_where_nothing_is_black(make_view):
     black, grey = make_view(), make_view(darkest=0.25, seed=1)
     first = estimator().estimate(black.codes(), black.range, range_error=0.0)
     second = estimator().estimate(grey.codes(), grey.range, range_error=0.0)
-    assert (second.attenuation_stddev > first.attenuation_stddev).all()
+    assert second.attenuation_stddev.mean() > 1.3 * first.attenuation_stddev.mean()
 
 
 def test_the_deviation_of_a_dull_scene_near_by_says_so(make_view):

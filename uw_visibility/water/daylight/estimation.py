@@ -56,6 +56,9 @@ BRIGHT_RADIANCE = 0.9
 WHITE_DEVIATION = 0.27
 # The brightest patch near by is at least so bright: of a darker one noise decides.
 LEAST_RADIANCE = 0.05
+# Standard deviation of the scale of range that a calibration leaves, as a part of it; β is off by
+# as much (belief `range.scale` of the laboratory: 8 % at most).
+RANGE_SCALE_DEVIATION = 0.046
 
 
 # What a view shows, whatever its ranges are. Its appearance is taken when it is first asked for.
@@ -174,7 +177,7 @@ class WaterEstimator:
             estimate = replace(
                 estimate, light=light, light_stddev=light * np.sqrt(np.diag(light_covariance)),
                 light_covariance=light_covariance,
-                clearest=posterior.clearest(known, ONE_SIGMA) if known.any() else None)
+                clearest=_wider(posterior.clearest(known, ONE_SIGMA)) if known.any() else None)
         return replace(estimate, transfer_log_odds=float(logit(posterior.other_curve)))
 
     @property
@@ -237,7 +240,15 @@ def _attenuation_and_veil(posterior: Posterior) -> tuple[Array, Array]:
     scale = parameters.ravel()
     of_both = np.ix_(ATTENUATION_AND_VEIL, ATTENUATION_AND_VEIL)
     covariance = posterior.covariance[of_both] * np.outer(scale, scale)
+    attenuation = parameters[:, 0]
+    covariance[0::2, 0::2] += RANGE_SCALE_DEVIATION**2 * np.outer(attenuation, attenuation)
     return parameters, covariance
+
+
+def _wider(quantiles: Array) -> Array:
+    """Quantiles of ln 1/β, the median in the middle, with the scale of range unknown."""
+    away = quantiles - quantiles[len(quantiles) // 2]
+    return np.asarray(quantiles - away + np.sign(away) * np.hypot(away, RANGE_SCALE_DEVIATION))
 
 
 def _light(posterior: Posterior, envelope: Envelopes, known: Mask) -> tuple[Array, Array]:

@@ -195,15 +195,15 @@ class DerivedModel:
         if nearest > FARTHEST[known.sum() - 1]:
             return DerivedQuantities(*beams, water_type_status=Status.NO_WATER_TYPE)
         best = int(likelihood.argmax())
-        if likelihood[max(best - 1, 0):best + 2].sum() < TOLD:
-            return DerivedQuantities(*beams, water_type_status=Status.WATER_TYPE_UNCERTAIN)
         diffuse = _expected(
             likelihood, [each.diffuse_attenuation_490 for each in self._types], DIFFUSE_TOLERANCE)
         secchi = _expected(
             likelihood, [each.secchi_depth for each in self._types],
             math.hypot(DIFFUSE_TOLERANCE, SECCHI_DEVIATION))
-        return DerivedQuantities(
-            *beams, TYPES[best], float(likelihood[best]), Status.OK, *diffuse, *secchi)
+        name, share, status = TYPES[best], float(likelihood[best]), Status.OK
+        if likelihood[max(best - 1, 0):best + 2].sum() < TOLD:
+            name, share, status = "", math.nan, Status.WATER_TYPE_UNCERTAIN
+        return DerivedQuantities(*beams, name, share, status, *diffuse, *secchi)
 
     def _likelihood(
         self, attenuation: Array, covariance: Array, known: Mask
@@ -230,9 +230,9 @@ def _seen(name: str, response: CameraResponse, kept: float) -> Array:
 
 
 def _expected(likelihood: Array, values: list[float], tolerance: float) -> tuple[float, float]:
-    """Geometric mean over the types, and its standard deviation."""
+    """Geometric mean over the types, and its standard deviation; NaN where that is too large."""
     logarithm = np.log(values)
     mean = float(likelihood @ logarithm)
     spread = math.sqrt(float(likelihood @ (logarithm - mean) ** 2) + tolerance**2)
-    value = math.exp(mean)
+    value = math.exp(mean) if spread <= MAX_RELATIVE_STDDEV else math.nan
     return value, value * spread
