@@ -27,7 +27,7 @@ from uw_visibility.compute.blas import use_one_thread
 from uw_visibility_lab.demonstration.node_process import reserved_domain
 
 # Of three workers one waits for a node most of the time, so that two processors are never idle.
-WORKERS = 3
+WORKERS = 4
 NODE_FIXTURES = {"start_node", "make_client"}
 # What renders whole studies, or damages much: for `make studies`; `make test` leaves them out.
 LONG = {
