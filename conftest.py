@@ -3,7 +3,7 @@
 """What the tests share, and how processes share the tests.
 
 Much of the suite waits, for nodes and processes that start, or has one thread. So
-pytest-xdist runs the whole of it (`python -m pytest`) in three processes, a file of tests
+pytest-xdist runs the whole of it (`python -m pytest`) in four processes, a file of tests
 in one of them. Tests that are named, as by `python -m pytest test/test_pair.py`, run in
 pytest's own process, and so does everything with `-n 0` or without pytest-xdist.
 """
@@ -26,16 +26,18 @@ from hypothesis import HealthCheck, settings
 from uw_visibility.compute.blas import use_one_thread
 from uw_visibility_lab.demonstration.node_process import reserved_domain
 
-# Of three workers one waits for a node most of the time, so that two processors are never idle.
+# Of four workers two wait for nodes and processes most of the time.
 WORKERS = 4
 NODE_FIXTURES = {"start_node", "make_client"}
 # What renders whole studies, or damages much: for `make studies`; `make test` leaves them out.
 LONG = {
     "lab/test/evaluation/adverse/test_study.py", "lab/test/evaluation/lamps/test_study.py",
-    "lab/test/evaluation/test_experiments.py", "test/faults/test_fuzz.py",
-    "test/faults/test_results.py", "test/faults/test_soak.py", "test/pipeline/test_tracking.py",
+    "lab/test/evaluation/test_experiments.py", "lab/test/tracer/test_scene.py",
+    "test/faults/test_fuzz.py", "test/faults/test_results.py", "test/faults/test_soak.py",
+    "test/pipeline/test_tracking.py",
     "test/plausibility/test_transect.py", "test/replay/test_calibrate.py",
-    "test/replay/test_calibrate_lighting.py", "test/water/lamps/test_survey.py",
+    "test/replay/test_calibrate_lighting.py", "test/replay/test_cluster.py",
+    "test/water/lamps/test_survey.py",
 }
 
 # Files that wait for processes rather than compute, beside those that start nodes by fixtures.

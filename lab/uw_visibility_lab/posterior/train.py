@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.special import logit
 from torch import nn
 
 from uw_visibility import __version__
@@ -36,6 +37,7 @@ from uw_visibility.water.daylight.network import (
 )
 from uw_visibility.water.daylight.statistics import Statistics
 from uw_visibility_lab.posterior.examples import Examples
+from uw_visibility_lab.worlds.beliefs import bounds
 
 # Views whose features are calculated at a time, and of which they are standardised.
 BLOCK, STANDARD = 1024, 20_480
@@ -169,6 +171,9 @@ def train(
             arrays |= {
                 f"{seed}_{i}_weights": weights, f"{seed}_{i}_scale": scale,
                 f"{seed}_{i}_bias": layer.bias.detach().numpy().copy()}
+        # Lamps are no more probable for views by lamps that were drawn beside those of the beliefs.
+        arrays[f"{seed}_{len(net.parts) - 1}_bias"][1] += (
+            logit(bounds("lamps.share")[0]) - logit(flags[~held, 1].mean()))
     return arrays | {"limits": limits(of_arrays(arrays), examples)}
 
 
