@@ -131,6 +131,15 @@ def test_effects_change_what_they_name() -> None:
         fish = view(seed, ("fish",))
         assert (fish.ranges < view(seed).ranges - 1e-4).any()
         assert view(seed, ("open water",), scene(horizon=False)).open_water.any()
+    shares = []
+    for seed in range(6):
+        plain, board = view(seed).ranges, view(seed, ("board",)).ranges
+        on_board = board < plain - 1e-4
+        shares.append(on_board.mean())
+        # All of it is about as far, and before what it hides.
+        low, high = np.quantile(board[on_board], (0.05, 0.95))
+        assert high < 1.4 * low and high < 0.9 * np.median(plain[np.isfinite(plain)])
+    assert min(shares) > 0.01 and max(shares) < 0.5
 
 
 def contrast(image: np.ndarray) -> float:

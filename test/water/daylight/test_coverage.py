@@ -23,7 +23,7 @@ from uw_visibility.water.daylight.network import trained
 from uw_visibility.water.daylight.statistics import (
     summarise,
 )
-from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate, joint_covariance
 from uw_visibility.water.meaning.assessment import Assessor
 
 KAPPA = np.array([0.228, 0.066, 0.025])
@@ -425,3 +425,16 @@ class TestPhysicalSense:
         seen = ASSESSOR.assess(estimate(image, one.range))
         assert seen.depth_status is not Status.OK or seen.depth_stddev > 1.0
         assert not seen.depth_precision > seen.depth_stddev
+
+
+def test_the_scale_of_range_is_unknown_to_all_channels_alike():
+    shown = draw(2)
+    found = estimate(shown.image, shown.range)
+    samples = View.of(shown.image).colour
+    statistics = summarise(reduce_to_blocks(samples, shown.range, None), 0.0, KAPPA)
+    alone = infer(trained(), statistics).covariance[0::3, 0::3]
+    relative = joint_covariance(found)[0::2, 0::2] / np.outer(found.attenuation, found.attenuation)
+    np.testing.assert_allclose(relative - alone, np.full((3, 3), 0.046**2), rtol=1e-3)
+    # Ranges that are wrong by as much change attenuation by as much.
+    longer = estimate(shown.image, shown.range * np.float32(1.046))
+    np.testing.assert_allclose(longer.attenuation, found.attenuation / 1.046, rtol=0.01)

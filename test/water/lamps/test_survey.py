@@ -20,6 +20,7 @@ from lamp_scene import (
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.view import View
 from uw_visibility.status import Status
+from uw_visibility.water.estimate import joint_covariance
 from uw_visibility.water.lamps.estimation import LampEstimator
 from uw_visibility.water.lamps.track_fit import TrackFit
 from uw_visibility.water.series.filter import WaterFilter
@@ -88,3 +89,10 @@ def test_tracks_that_contradict_the_nodes_do_not_count() -> None:
     far = replace(near, attenuation=4.0 * alone.attenuation)
     refuted = reader.estimate_nodes([lamps.nodes], tracks=far)
     np.testing.assert_array_equal(refuted.attenuation, alone.attenuation)
+    # Red alone is off, as over flat ground from one altitude, by what chance makes in 2 of 100.
+    covariance = 1e-2 * np.diag(alone.attenuation_stddev**2)
+    weight = np.linalg.inv(joint_covariance(alone)[0::2, 0::2] + covariance)
+    red = alone.attenuation - [np.sqrt(10.0 / weight[0, 0]), 0.0, 0.0]
+    loose = replace(near, attenuation=red, covariance=covariance)
+    np.testing.assert_array_equal(
+        reader.estimate_nodes([lamps.nodes], tracks=loose).attenuation, alone.attenuation)

@@ -110,16 +110,14 @@ class NodeEstimator:
                 # Tracks tell β by a normal distribution, much narrower than that of one frame.
                 (beta, covariance), clearest = fused, None
         beta, covariance = self._above_clear_water(beta, covariance, seen)
-        middle, deviation = beta, np.sqrt(np.diag(covariance))
+        deviation = np.sqrt(np.diag(covariance))
         for c in np.flatnonzero(seen).tolist():
             status[c] = refuse_spread(float(beta[c]), float(deviation[c]))
         beta = np.where([reason is Status.OK for reason in status], beta, np.nan)
         status = refuse(status, refute_clearness(beta, covariance, self._clear_water))
         beta = np.where([reason is Status.OK for reason in status], beta, np.nan)
+        estimate = self._assembled(frames, posterior, beta, covariance, status)
         known = np.isfinite(beta).any()
-        # Images are restored in all channels or none, also where one is too uncertain to be told.
-        shown = np.where(seen & known, middle, np.nan)
-        estimate = self._assembled(frames, posterior, beta, shown, covariance, status)
         return replace(estimate, clearest=clearest if known else None)
 
     def _above_clear_water(
@@ -135,8 +133,8 @@ class NodeEstimator:
         return beta, covariance + MODEL_ERROR**2 * np.outer(beta, beta)
 
     def _assembled(
-        self, frames: Sequence[Nodes], posterior: LampPosterior, beta: Array, shown: Array,
-        covariance: Array, status: list[Status],
+        self, frames: Sequence[Nodes], posterior: LampPosterior, beta: Array, covariance: Array,
+        status: list[Status],
     ) -> WaterEstimate:
         known = np.isfinite(beta)
         # The lamps' colours are known, so that their power is one number.
@@ -146,7 +144,7 @@ class NodeEstimator:
         joint = np.zeros((6, 6))
         joint[0::2, 0::2] = covariance
         joint[1::2, 1::2] = np.diag((posterior.scattering_stddev * veil) ** 2)
-        scene_light, restored = np.where(known, power, np.nan), np.isfinite(shown)
+        scene_light = np.where(known, power, np.nan)
         return WaterEstimate(
             **of_channels(
                 status, beta, np.where(known, np.maximum(veil + by_day, 1e-9), np.nan),
@@ -154,9 +152,8 @@ class NodeEstimator:
             iterations=1, bins=sum(len(nodes.range) for nodes in frames), light=scene_light,
             light_stddev=POWER_DEVIATION * scene_light,
             lamps=LampLight(
-                shown, np.where(restored, power, np.nan),
-                np.where(restored, posterior.scattering, np.nan), posterior.daylight, by_day,
-                frames[-1]))
+                beta, scene_light, np.where(known, posterior.scattering, np.nan),
+                posterior.daylight, by_day, frames[-1]))
 
 
 class LampEstimator(NodeEstimator):
