@@ -268,9 +268,9 @@ from uw_visibility.config.network import NetworkConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images import network as module
 
-module._MOST_MEMORY = 256 << 20
 try:
-    module.Network(NetworkConfig(sys.argv[1]), "stereo", 2, (60, 90), 1)
+    module.Network(
+        NetworkConfig(sys.argv[1], network_memory=0.25), "stereo", 2, (60, 90), 1)
 except InputError as error:
     print(error)
 """
@@ -292,6 +292,15 @@ def test_memory_is_bounded(tmp_path: Path, constant: bool) -> None:
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}, check=True)
     assert "big.onnx" in run.stdout
     assert "Available memory" in run.stdout
+    if not constant:
+        assert "give it more by stereo.network_memory" in run.stdout
+
+
+def test_networks_of_a_process_share_one_bound(tmp_path: Path) -> None:
+    path = shifts(tmp_path / "shifts.onnx", MOST)
+    network(path)
+    with pytest.raises(InputError, match=r"network_memory is 1 GiB.*have 0\.5 GiB"):
+        network(path, network_memory=1.0)
 
 
 def test_values_that_are_not_finite_fail(tmp_path: Path) -> None:

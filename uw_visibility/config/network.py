@@ -38,3 +38,8 @@ class NetworkConfig:
         5.0, "A run of the network that takes longer is ended, and its frame is lost.",
         unit="s", minimum=0.01, maximum=600.0,
     )
+    network_memory: float = parameter(
+        0.5, "Memory of the computer, not of a device, that all networks of the process take at "
+        "most; a network that needs more fails. The same in both sections.",
+        unit="GiB", minimum=0.0625, maximum=256.0, read_only=True,
+    )

@@ -31,8 +31,6 @@ ONNX = "onnx"
 
 # Messages of protocol buffers are at most so large, and with them a model without external data.
 _LARGEST_FILE = (1 << 31) - 1
-# What a network takes of the computer's memory, bytes: a bound, against graphs that ask for all.
-_MOST_MEMORY = 4 << 30
 # Constants are computed when a model is loaded; larger ones when it runs, within that bound.
 _LARGEST_CONSTANT = 64 << 20
 _LARGEST_SIDE = 1 << 14
@@ -266,7 +264,10 @@ class Network:
             if over.is_set():
                 raise self._error(
                     f"took longer than {self._section}.time_limit, {self._limit:g} s") from error
-            raise self._error(f"failed: {error}") from error
+            more = (
+                f" (give it more by {self._section}.network_memory)"
+                if "Available memory" in str(error) else "")
+            raise self._error(f"failed: {error}{more}") from error
         finally:
             timer.cancel()
         return np.asarray(made)
@@ -301,6 +302,8 @@ def load(config: NetworkConfig, section: str, images: int, threads: int) -> Mode
     if not config.model:
         raise InputError(f"parameter {section}.model is empty: give the path of an ONNX file")
     stamp = _stamp(config.model)
+    with needing("onnx", f"{section}.model"):
+        _limit_memory(config.network_memory, section)
     return _load(config.model, stamp, config.providers, section, images, threads)
 
 
@@ -309,8 +312,8 @@ def load(config: NetworkConfig, section: str, images: int, threads: int) -> Mode
 def _load(
     path: str, stamp: tuple[int, ...], providers: str, section: str, images: int, threads: int
 ) -> Model:
-    with needing("onnx", f"{section}.model"):
-        import onnxruntime
+    import onnxruntime
+
     content = read_regular(path, _LARGEST_FILE, "model")
     name = printable(Path(path).name)
     check_content(content, name)
@@ -326,7 +329,6 @@ def _load(
         ("optimization.constant_folding_max_output_size_in_bytes", str(_LARGEST_CONSTANT)),
     ):
         options.add_session_config_entry(key, value)
-    _limit_memory()
     # Of what kind an error is depends on the device; names may be no text.
     with refusing(f"model {name} cannot be loaded", Exception):
         # Without its own fallback, which changes the providers and tells standard output alone.
@@ -350,17 +352,28 @@ def _load(
     return Model(name, session, inputs)
 
 
-@functools.cache
-def _limit_memory() -> None:
-    """Bound what all networks of the process take of the computer's memory."""
+# Bound of the process, GiB: onnxruntime takes one, once.
+_bound: list[float] = []
+_BOUNDING = threading.Lock()
+
+
+def _limit_memory(most: float, section: str) -> None:
+    """Bound what all networks of the process take of the computer's memory, GiB."""
     import onnxruntime
 
-    onnxruntime.disable_telemetry_events()
-    onnxruntime.create_and_register_allocator(
-        onnxruntime.OrtMemoryInfo(
-            "Cpu", onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0,
-            onnxruntime.OrtMemType.DEFAULT),
-        onnxruntime.OrtArenaCfg({"max_mem": _MOST_MEMORY}))
+    with _BOUNDING:
+        if not _bound:
+            onnxruntime.disable_telemetry_events()
+            onnxruntime.create_and_register_allocator(
+                onnxruntime.OrtMemoryInfo(
+                    "Cpu", onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0,
+                    onnxruntime.OrtMemType.DEFAULT),
+                onnxruntime.OrtArenaCfg({"max_mem": int(most * (1 << 30))}))
+            _bound.append(most)
+    if most != _bound[0]:
+        raise InputError(
+            f"{section}.network_memory is {most:g} GiB, and networks of this process have "
+            f"{_bound[0]:g} GiB: give both sections the same, and start anew to change it")
 
 
 def _named_providers(text: str, section: str, available: list[str]) -> list[str]:
