@@ -16,6 +16,7 @@ class Status(str, Enum):
     TOO_FEW_SUPPORT_POINTS = "too few support points"
     TOO_FEW_OBSERVATIONS = "too few observations"
     RANGE_SPREAD_TOO_SMALL = "range spread too small"
+    ATTENUATION_UNCERTAIN = "attenuation too uncertain"
     SATURATED = "saturated"
     TOO_DARK = "too dark"
     NO_TEXTURE = "no texture"

@@ -201,10 +201,10 @@ def test_a_refused_distance_or_depth_is_told_though_the_water_was_assessed(
     unbounded = "the depth is not assessable: ambient light unbounded"
     assert {row["plausibility_reason"] for row in done.rows} == {unbounded}
     text = Page(tmp_path / "out" / "report.html").text
-    assert "visibility: range spread too small, α 0." in text
+    assert "visibility: attenuation too uncertain, α 0." in text
     state = json.loads((tmp_path / "out" / "replay.json").read_text())
     for what, why in (
-        ("visibility distance", "range spread too small"),
+        ("visibility distance", "attenuation too uncertain"),
         ("depth by colour", "ambient light unbounded"),
         ("plausibility of the depth sensor", unbounded),
     ):

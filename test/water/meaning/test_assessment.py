@@ -106,7 +106,7 @@ def test_a_distance_of_which_nothing_is_known_is_refused(variance):
     """The exponential of its deviation is beyond any number."""
     covariance = np.tile(np.diag([variance, 1e-6]), (3, 1, 1))
     seen = ASSESSOR.assess(estimate([0.5, 0.4, 0.3], [0.5, 0.6, 0.7], covariance))
-    assert seen.status is Status.RANGE_SPREAD_TOO_SMALL
+    assert seen.status is Status.ATTENUATION_UNCERTAIN
     assert math.isnan(seen.distance) and math.isnan(seen.distance_high)
 
 
@@ -120,7 +120,7 @@ def test_a_distance_has_the_interval_that_the_posterior_tells():
     np.testing.assert_allclose(
         found, [visibility_distance(beta, 0.05) for beta in (0.4, 0.3, 0.25)])
     wide = ASSESSOR.assess(replace(told, clearest=-np.log((0.8, 0.3, 0.15))))
-    assert wide.status is Status.RANGE_SPREAD_TOO_SMALL
+    assert wide.status is Status.ATTENUATION_UNCERTAIN
     assert math.isnan(wide.distance_low) and math.isnan(wide.distance)
 
 
@@ -164,7 +164,7 @@ def test_a_distance_without_hold_is_refused():
     loose = np.tile(np.diag([0.5**2, 0.002**2]), (3, 1, 1))
     seen = ASSESSOR.assess(estimate([0.5, 0.4, 0.3], [0.5, 0.6, 0.7], loose))
     assert math.isnan(seen.distance)
-    assert seen.status is Status.RANGE_SPREAD_TOO_SMALL
+    assert seen.status is Status.ATTENUATION_UNCERTAIN
     assert math.isfinite(seen.depth)
 
 

@@ -12,6 +12,8 @@ MEANINGS = {
     Status.TOO_FEW_OBSERVATIONS: "Too few pixels with a known range.",
     Status.RANGE_SPREAD_TOO_SMALL: "All that is seen is about equally far away, so that the "
     "water's part cannot be told from the scene's.",
+    Status.ATTENUATION_UNCERTAIN: "Over the ranges in view the water takes so little light that "
+    "the scene's own brightness and colours could do the same.",
     Status.SATURATED: "Too many pixels at the largest value.",
     Status.TOO_DARK: "Too little light reaches the camera.",
     Status.NO_TEXTURE: "The image is one colour.",
@@ -52,6 +54,8 @@ REMEDIES = {
     "calibration.",
     Status.RANGE_SPREAD_TOO_SMALL: "Tilt the camera, so that near and far are in view together; "
     "over a flat floor leave survey.enabled on.",
+    Status.ATTENUATION_UNCERTAIN: "Let near and far be in view together, and some open water; the "
+    "farthest should be at least a fifth of the visibility away.",
     Status.SATURATED: "Shorten the exposure or lower the gain.",
     Status.TOO_DARK: "Lengthen the exposure, or light the scene.",
     Status.NO_TEXTURE: "Look for a lens cap, a fogged port or a stuck driver; open water alone "

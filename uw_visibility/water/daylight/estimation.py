@@ -39,7 +39,7 @@ from uw_visibility.water.daylight.statistics import Appearance, appearance_of, s
 from uw_visibility.water.daylight.validation import (
     refuse_channel,
     refuse_frame,
-    refuse_spread,
+    refuse_uncertain,
     refute_clearness,
 )
 from uw_visibility.water.estimate import (
@@ -199,7 +199,7 @@ class WaterEstimator:
         """Estimate of β and light, (3, 2), without the channels that are too uncertain."""
         stddev = np.sqrt(np.diag(covariance)[0::2])
         status = [
-            refuse_spread(float(value), float(spread)) if reason is Status.OK else reason
+            refuse_uncertain(float(value), float(spread)) if reason is Status.OK else reason
             for reason, value, spread in zip(status, parameters[:, 0], stddev, strict=True)]
         shown = np.where(
             [reason is Status.OK for reason in status], parameters[:, 0], np.nan)
@@ -229,7 +229,7 @@ class WaterEstimator:
         parameters, covariance = self._one_light(
             posterior, blocks, range_error, np.ones(3, np.bool_), None)
         attenuation, ambient_light = parameters[0]
-        if refuse_spread(attenuation, np.sqrt(covariance[0, 0])) is not Status.OK:
+        if refuse_uncertain(attenuation, np.sqrt(covariance[0, 0])) is not Status.OK:
             return None
         return float(attenuation), float(ambient_light)
 

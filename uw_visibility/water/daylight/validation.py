@@ -56,12 +56,12 @@ def refuse_channel(envelope: Envelopes, channel: int) -> Status:
     return Status.OK
 
 
-def refuse_spread(
+def refuse_uncertain(
     attenuation: float, stddev: float, most_relative: float = MAX_RELATIVE_STDDEV
 ) -> Status:
     """Refuse an attenuation that is too uncertain; OK otherwise."""
     certain = stddev <= max(MAX_STDDEV, most_relative * attenuation)
-    return Status.OK if certain else Status.RANGE_SPREAD_TOO_SMALL
+    return Status.OK if certain else Status.ATTENUATION_UNCERTAIN
 
 
 def refute_clearness(attenuation: Array, covariance: Array, clear_water: Array) -> Status:

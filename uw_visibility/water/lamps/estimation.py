@@ -21,7 +21,7 @@ from uw_visibility.status import Status
 from uw_visibility.water.blocks import Blocks, reduce_to_blocks
 from uw_visibility.water.daylight.validation import (
     MAX_CLIPPED_FRACTION,
-    refuse_spread,
+    refuse_uncertain,
     refute_clearness,
 )
 from uw_visibility.water.estimate import (
@@ -112,7 +112,7 @@ class NodeEstimator:
         beta, covariance = self._above_clear_water(beta, covariance, seen)
         deviation = np.sqrt(np.diag(covariance))
         for c in np.flatnonzero(seen).tolist():
-            status[c] = refuse_spread(float(beta[c]), float(deviation[c]))
+            status[c] = refuse_uncertain(float(beta[c]), float(deviation[c]))
         beta = np.where([reason is Status.OK for reason in status], beta, np.nan)
         status = refuse(status, refute_clearness(beta, covariance, self._clear_water))
         beta = np.where([reason is Status.OK for reason in status], beta, np.nan)

@@ -136,7 +136,7 @@ class Assessor:
             if not high <= WIDEST_INTERVAL * low:
                 low = distance = high = math.nan
                 if status is Status.OK:
-                    status = Status.RANGE_SPREAD_TOO_SMALL
+                    status = Status.ATTENUATION_UNCERTAIN
         depth = (math.nan, math.nan, math.nan)
         if not self._by_daylight:
             depth_status = Status.NO_DEPTH_BY_LAMPS

@@ -315,7 +315,7 @@ def _with_spread(whole: WaterEstimate, parts: Sequence[WaterEstimate]) -> WaterE
     away -= away.mean(axis=0)
     joint = joint_covariance(whole) + (BLOCKS - 1) / BLOCKS * away.T @ away
     status = [
-        reason if there or reason is not Status.OK else Status.RANGE_SPREAD_TOO_SMALL
+        reason if there or reason is not Status.OK else Status.ATTENUATION_UNCERTAIN
         for reason, there in zip(whole.channel_status, seen[0::2], strict=True)]
     return replace(whole, **of_channels(
         status, np.where(seen[0::2], whole.attenuation, np.nan),
