@@ -50,9 +50,7 @@ class SemiGlobalMatcher(Matcher):
         detail = (grey - cv2.GaussianBlur(grey, (0, 0), 8)) * image.gain
         self._restored[side] = np.clip(128 + detail, 0, 255).astype(np.uint8)
 
-    def dense_disparity(
-        self, support, airlight=None, *, confidence=True, least_for_colour=0.0
-    ):
+    def dense_disparity(self, support, *, confidence=True, least_for_colour=0.0):
         """Match every pixel of the restored pair; all matches have the same confidence."""
         found = self._matcher.compute(*self._restored).astype(np.float32) / 16
         found[found < self._matcher.getMinDisparity()] = np.nan

@@ -153,11 +153,6 @@ class StereoConfig(NetworkConfig):
         0.007, "Weight of a unit of descriptor difference against the prior.",
         minimum=1e-4, maximum=1.0,
     )
-    airlight_prior: float = parameter(
-        50.0, "Energy of a unit of optical thickness that airlight leaves unexplained, in "
-        "units of descriptor difference; it counts where texture is low. 0 for none.",
-        minimum=0.0, maximum=1000.0,
-    )
     left_right_tolerance: int = parameter(
         2, "Largest difference of the two views' disparities.", unit="px", minimum=0, maximum=10,
     )

@@ -56,16 +56,6 @@ def radiance_of(irradiance: Any, gain: Any, veil: Any, light: Any) -> Any:
     return veil / light + (irradiance / light - veil / light) * gain
 
 
-@register_jitable
-def veil_thickness(irradiance: Any, veil: Any) -> Any:
-    """Optical thickness βd at which the veil alone is as bright: −ln(1 − E/B).
-
-    A patch of this irradiance cannot be farther than this over β, and β not larger than
-    this over its range (eq. 6): its radiance would be negative.
-    """
-    return -np.log1p(-irradiance / veil)
-
-
 class Water(Protocol):
     """Protocol of a water's state: attenuation and ambient light; NaN = not assessable."""
 
@@ -80,16 +70,6 @@ def scene_light_of(water: Water) -> Array:
     """Scene light W of each channel; the ambient light where it is not told apart."""
     light = getattr(water, "scene_light", None)
     return np.asarray(water.ambient_light if light is None else light, dtype=np.float64)
-
-
-class UncertainWater(Water, Protocol):
-    """Protocol of a water's state with the covariance of both, ``(C, 2, 2)``."""
-
-    @property
-    def attenuation_stddev(self) -> Array: ...
-
-    @property
-    def covariance(self) -> Array: ...
 
 
 def attenuate(

@@ -22,7 +22,6 @@ from uw_visibility.images.pair import exposure_status
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.pipeline.result import StageClock
 from uw_visibility.status import Status
-from uw_visibility.stereo.airlight import Airlight
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS, SupportPoints
 from uw_visibility.stereo.interpolation import GapFiller
@@ -88,7 +87,6 @@ class Scale:
         self.matcher = MATCHERS[matcher](small, limits, stereo, workers)
         self.contrast = (
             ContrastNormalizer(small, self.factor), ContrastNormalizer(small, self.factor))
-        self.airlight = Airlight(small, self.rig, limits[1] + 2, config.camera.transfer, workers)
         self.gaps = GapFiller(small, config.enhancement.max_gap, workers)
 
     def downsample(self, views: StereoViews) -> StereoViews:

@@ -19,7 +19,6 @@ from uw_visibility.images.view import StereoViews, View, code_value
 from uw_visibility.optics.lamps import DirectLight
 from uw_visibility.pipeline.first_step import CoarseEstimate, Scale, reduction_factor
 from uw_visibility.pipeline.result import StageClock
-from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.codec_noise import with_codec_noise
 from uw_visibility.stereo.contrast import LUMA, least_noise_weights
 from uw_visibility.stereo.denoising import ROUNDING
@@ -95,7 +94,6 @@ class SecondStep:
         ):
             self._sides.append(side)
             side *= 2
-        self._airlight_used = config.stereo.airlight_prior > 0
 
     def run(
         self, views: StereoViews, coarse: CoarseEstimate, clock: StageClock, *,
@@ -166,11 +164,10 @@ class SecondStep:
         with clock("image enhancement 1"):
             self._describe_restored(scale, small, coarse)
             points = scale.pyramid.downsample_points(coarse.points)
-            airlight = self._airlight_prior(scale, small.left, coarse, points)
         with clock("improved disparity"):
-            support = scale.matcher.support_points(airlight, points)
+            support = scale.matcher.support_points(points)
             match = scale.matcher.dense_disparity(
-                support, airlight, confidence=confidence,
+                support, confidence=confidence,
                 # So much noise leaves many wrong ones, which would tell of another water.
                 least_for_colour=_LIKELY if confidence and scale is not self._finest else 0.0)
         return match, len(support)
@@ -239,14 +236,6 @@ class SecondStep:
             lambda: describe(0, left, coarse.disparity, np.ones(3)),
             lambda: describe(
                 1, right, in_right_view(coarse.disparity, self._workers), coarse.right_gain))
-
-    def _airlight_prior(
-        self, scale: Scale, left: View, coarse: CoarseEstimate, points: Points
-    ) -> AirlightPrior | None:
-        """Bound ranges by the light that the water adds, as far as matches agree."""
-        if left.colour is None or not self._airlight_used:
-            return None
-        return scale.airlight.prior(left.pixels, coarse.water, points, left.noise)
 
     def _upsample(
         self, scale: Scale, match: DenseMatch, original: DisparityMap | None, support_points: int,

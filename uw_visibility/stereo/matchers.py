@@ -13,7 +13,6 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import DisparityMap, Points
 from uw_visibility.images.network import ONNX, load
 from uw_visibility.images.view import View
-from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import DenseMatch, Matcher, SupportPoints
 from uw_visibility.stereo.onnx_matcher import OnnxMatcher
@@ -34,9 +33,7 @@ class StereoMatcher(Protocol):
     def describe_view(self, side: int, image: ContrastNormalizer) -> None:
         """Take in one view with its contrast restored: 0 is the left one, 1 the right."""
 
-    def support_points(
-        self, airlight: AirlightPrior | None = None, earlier: Points | None = None
-    ) -> SupportPoints:
+    def support_points(self, earlier: Points | None = None) -> SupportPoints:
         """Match the pair sparsely and robustly."""
 
     def swapped_ratio(self) -> float:
@@ -48,7 +45,6 @@ class StereoMatcher(Protocol):
     def dense_disparity(
         self,
         support: SupportPoints,
-        airlight: AirlightPrior | None = None,
         *,
         confidence: bool = True,
         least_for_colour: float = 0.0,

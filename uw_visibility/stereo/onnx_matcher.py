@@ -23,7 +23,6 @@ from uw_visibility.config.schema import StereoConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import DisparityMap
 from uw_visibility.images.network import Network
-from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import DenseMatch, Matcher, SupportPoints
 from uw_visibility.stereo.rig import DISPARITY_STDDEV
@@ -65,10 +64,9 @@ class OnnxMatcher(Matcher):
         self._network = Network(config, "stereo", 2, shape, workers.threads, disparities[1])
 
     def dense_disparity(
-        self, support: SupportPoints, airlight: AirlightPrior | None = None, *,
-        confidence: bool = True, least_for_colour: float = 0.0,
+        self, support: SupportPoints, *, confidence: bool = True, least_for_colour: float = 0.0,
     ) -> NetworkMatch:
-        """Match every pixel of the described pair; `support` and `airlight` change nothing.
+        """Match every pixel of the described pair; `support` changes nothing.
 
         Without the second run (`StereoConfig.network_check`) none is rated.
         Raises `uw_visibility.images.network.NetworkError` if the network fails.

@@ -18,8 +18,7 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.arrays import Points
-from uw_visibility.stereo.airlight import AirlightPrior
-from uw_visibility.stereo.elas.descriptors import BYTES, MIDDLE, absolute_difference
+from uw_visibility.stereo.elas.descriptors import BYTES, absolute_difference
 
 # Descriptors reach two pixels to each side, and the border's repeats prove nothing.
 BORDER = 2
@@ -28,14 +27,6 @@ BORDER = 2
 _DISPARITY_BITS = 11
 _DISPARITY_MASK = (1 << _DISPARITY_BITS) - 1
 _NOTHING = np.int32((1 << 30) - 1)
-# Sum of gradient responses from which a pixel's match needs no help of the airlight.
-_TEXTURED = np.float32(400.0)
-# What a range beyond the bound costs, over what thickness within it does, and the
-# thickness of which more within it costs no more.
-_BEYOND = np.float32(5.0)
-_MOST_THICKNESS = np.float32(30.0)
-# Energies are whole numbers above the bits of the disparity in a key of 32 bits.
-_MOST_ENERGY = 1 << 16
 # Side of the cells that collect the support points' disparities, px.
 CELL = 20
 
@@ -82,16 +73,13 @@ class DenseSearch:
         self.best: NDArray[np.int16] = np.empty((2, *shape), np.int16)
 
     def try_candidates(
-        self,
-        descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-        points: Points,
-        airlight: AirlightPrior | None = None,
+        self, descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]], points: Points
     ) -> None:
         """Try the disparities of the support points `points` (N, 3) at the pixels around them."""
         _collect_candidates(points, self._seen, self.best.shape[2], self._count, self._runs)
         self._workers.rows(
             _try_candidates, self.best.shape[1], *descriptors, self._count, self._runs,
-            *self._disparities, *self._bound(airlight), *self._keys,
+            *self._disparities, *self._keys,
         )
 
     def try_plane(
@@ -100,7 +88,6 @@ class DenseSearch:
         plane: NDArray[np.float32],
         steep: NDArray[np.bool_],
         likelihood: float,
-        airlight: AirlightPrior | None = None,
     ) -> None:
         """Try the disparities about the mesh's plane, and write the best of all to `best`.
 
@@ -110,25 +97,16 @@ class DenseSearch:
         """
         self._workers.rows(
             _try_planes, plane.shape[0], *descriptors, plane, steep, *self._disparities,
-            plane_prior(self._config, likelihood), *self._bound(airlight), *self._keys, *self.best,
+            plane_prior(self._config, likelihood), *self._keys, *self.best,
         )
-
-    def _bound(self, airlight: AirlightPrior | None) -> tuple[Any, Any, Any]:
-        """Farthest thickness of each pixel, thickness of each disparity, and their weight."""
-        if airlight is None or not self._config.airlight_prior > 0:
-            return np.empty((0, 0), np.float32), np.empty(0, np.float32), np.float32(0)
-        strength = np.float32(self._config.airlight_prior * airlight.trust)
-        return airlight.farthest, airlight.thickness, strength
 
 
 @njit(nogil=True)
 def _try_candidates(
     start: int, stop: int, left: Any, right: Any, count: Any, runs: Any, low: int, high: int,
-    farthest: Any, thickness: Any, strength: Any, keys_left: Any, keys_right: Any,
+    keys_left: Any, keys_right: Any,
 ) -> None:
     height, width = keys_left.shape
-    need = np.zeros(width, np.float32)
-    needy = np.zeros(-(-width // CELL), np.bool_)
     energy = np.empty(width, np.int32)
     for y in range(start, stop):
         here, there = keys_left[y], keys_right[y]
@@ -137,9 +115,6 @@ def _try_candidates(
         if not BORDER <= y < height - BORDER:
             continue
         at = y * width * BYTES
-        if thickness.size > 0:
-            _weigh_need(left, at, strength, need)
-            _mark_needy(need, needy)
         for i in range(count[y // CELL]):
             d = runs[y // CELL, i, 0]
             first = max(runs[y // CELL, i, 1], d + BORDER)
@@ -147,25 +122,17 @@ def _try_candidates(
             if not low <= d <= high or first >= last:
                 continue
             _compare(left, right, at, d, first, last, energy)
-            needed = False
-            for cell in range(first // CELL, (last - 1) // CELL + 1):
-                needed |= needy[cell]
-            if needed:
-                _add_airlight_cost(need, farthest, y, thickness[d], first, last, energy)
             _offer(energy, d, first, last, here, there)
 
 
 @njit(nogil=True)
 def _try_planes(
     start: int, stop: int, left: Any, right: Any, plane: Any, steep: Any, low: int, high: int,
-    prior: Any, farthest: Any, thickness: Any, strength: Any, keys_left: Any, keys_right: Any,
-    best_left: Any, best_right: Any,
+    prior: Any, keys_left: Any, keys_right: Any, best_left: Any, best_right: Any,
 ) -> None:
     height, width = plane.shape
     radius = len(prior) - 1
     middle = np.empty(width, np.int32)
-    need = np.zeros(width, np.float32)
-    cost = np.zeros(width, np.int32)
     surface = np.empty(width, np.int32)
     for y in range(start, stop):
         here, there = keys_left[y], keys_right[y]
@@ -176,13 +143,10 @@ def _try_planes(
                 # Unknown is far below every disparity.
                 middle[x] = index_of(mean + np.float32(0.5), -1 << 20, 1 << 20)
                 surface[x] = np.int32(0) if steep[y, x] else np.int32(1)
-            if thickness.size > 0:
-                _weigh_need(left, at, strength, need)
-                _plane_cost(need, farthest[y], thickness, middle, cost)
             for offset in range(-radius, radius + 1):
                 _try_plane(
                     left, right, at, offset, low, high, middle, surface, prior[abs(offset)],
-                    cost, here, there,
+                    here, there,
                 )
         for x in range(width):
             best_left[y, x] = _disparity_of(here[x])
@@ -192,33 +156,6 @@ def _try_planes(
 @njit(nogil=True, inline="always")
 def _disparity_of(key: Any) -> Any:
     return np.int16(-1) if key == _NOTHING else np.int16(key & _DISPARITY_MASK)
-
-
-@njit(nogil=True)
-def _weigh_need(left: Any, at: int, strength: Any, need: Any) -> None:
-    """Write how much each pixel of a row needs the airlight."""
-    blank = np.full(BYTES, MIDDLE, np.uint8)
-    for x in range(need.size):
-        texture = np.float32(absolute_difference(left, at + x * BYTES, blank, x & 0))
-        need[x] = strength * max(np.float32(1) - texture / _TEXTURED, np.float32(0))
-
-
-@njit(nogil=True)
-def _mark_needy(need: Any, needy: Any) -> None:
-    """Mark the cells of a row with pixels that need the airlight."""
-    for column in range(needy.size):
-        most = np.float32(0)
-        for x in range(column * CELL, min((column + 1) * CELL, need.size)):
-            most = max(most, need[x])
-        needy[column] = most > 0
-
-
-@njit(nogil=True, inline="always")
-def _thickness_cost(need: Any, farthest: Any, thickness: Any) -> Any:
-    """Energy of an optical thickness: a brighter surface is less likely, a negative one barred."""
-    excess = farthest - thickness
-    excess = excess if excess > 0 else -_BEYOND * excess
-    return index_of(need * min(excess, _MOST_THICKNESS), 0, _MOST_ENERGY)
 
 
 @njit(nogil=True)
@@ -232,15 +169,6 @@ def _compare(
     for x in range(first, last):
         i = at + x * BYTES
         energy[np.uint64(x)] = absolute_difference(left, i, right, i - d * BYTES)
-
-
-@njit(nogil=True)
-def _add_airlight_cost(
-    need: Any, farthest: Any, y: int, thickness: Any, first: int, last: int, energy: Any
-) -> None:
-    for x in range(first, last):
-        at = np.uint64(x)
-        energy[at] += _thickness_cost(need[at], farthest[y, at], thickness)
 
 
 @njit(nogil=True)
@@ -258,17 +186,9 @@ def _offer(energy: Any, d: int, first: int, last: int, here: Any, there: Any) ->
 
 
 @njit(nogil=True)
-def _plane_cost(need: Any, farthest: Any, thickness: Any, middle: Any, cost: Any) -> None:
-    """Cost of each pixel's plane, which its surroundings within a few pixels share."""
-    last = thickness.size - 1
-    for x in range(need.size):
-        cost[x] = _thickness_cost(need[x], farthest[x], thickness[min(max(middle[x], 0), last)])
-
-
-@njit(nogil=True)
 def _try_plane(
     left: Any, right: Any, at: int, offset: int, low: int, high: int, middle: Any, surface: Any,
-    prior: int, cost: Any, here: Any, there: Any,
+    prior: int, here: Any, there: Any,
 ) -> None:
     """Offer each pixel of a row the disparity at one distance from its plane.
 
@@ -280,7 +200,7 @@ def _try_plane(
         if d < low or d > min(high, x - BORDER):
             continue
         i = at + x * BYTES
-        energy = prior * surface[x] + cost[x] + absolute_difference(left, i, right, i - d * BYTES)
+        energy = prior * surface[x] + absolute_difference(left, i, right, i - d * BYTES)
         key = np.int32((energy << _DISPARITY_BITS) + d)
         here[x] = min(here[x], key)
         there[x - d] = min(there[x - d], key)

@@ -13,7 +13,6 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.arrays import Array, DisparityMap
 from uw_visibility.images.view import View
-from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.denoising import LEAST_NOISE
 from uw_visibility.stereo.elas import mesh, postprocess
@@ -176,13 +175,11 @@ class Matcher:
 
         self._workers.together(lambda: describe(0, left), lambda: describe(1, right))
 
-    def support_points(
-        self, airlight: AirlightPrior | None = None, earlier: NDArray[np.float32] | None = None
-    ) -> SupportPoints:
+    def support_points(self, earlier: NDArray[np.float32] | None = None) -> SupportPoints:
         """Find the support points of the described pair; see `SupportGrid.search`."""
         # Of the descriptors' bytes at the points of the grid.
         noise = SCALE * self._left.noise_gradient(self._config.support_step)
-        return self._support.search(*self._descriptors, noise, airlight, earlier)
+        return self._support.search(*self._descriptors, noise, earlier)
 
     def swapped_ratio(self) -> float:
         """Matches of the described pair with its images exchanged, over those in order."""
@@ -198,7 +195,6 @@ class Matcher:
     def dense_disparity(
         self,
         support: SupportPoints,
-        airlight: AirlightPrior | None = None,
         *,
         confidence: bool = True,
         least_for_colour: float = 0.0,
@@ -209,8 +205,6 @@ class Matcher:
         ----------
         support : SupportPoints
             From `support_points`.
-        airlight : AirlightPrior, optional
-            Decides where texture does not.
         confidence : bool
             Whether to rate the matches.
         least_for_colour : float
@@ -222,7 +216,7 @@ class Matcher:
             nowhere = np.zeros(self._shape, np.float32) if confidence else None
             return DenseMatch(disparity, disparity.copy(), nowhere)
         config = settings_in_noise(self._config, self._left.noise)
-        self._find_best(config, support, airlight, disparity)
+        self._find_best(config, support, disparity)
         self._postprocess(config, disparity)
         with_occlusions = disparity.copy()
         postprocess.remove_occluded(disparity, self._workers)
@@ -248,11 +242,7 @@ class Matcher:
         return DenseMatch(disparity, right, rated, with_occlusions)
 
     def _find_best(
-        self,
-        config: StereoConfig,
-        support: SupportPoints,
-        airlight: AirlightPrior | None,
-        disparity: DisparityMap,
+        self, config: StereoConfig, support: SupportPoints, disparity: DisparityMap
     ) -> None:
         """Write the disparities that both views agree on, at sub-pixel resolution."""
         best, tolerance = self._search.best, config.left_right_tolerance
@@ -267,11 +257,10 @@ class Matcher:
             return
         self._workers.together(
             lambda: self._draw_mesh(support),
-            lambda: self._search.try_candidates(descriptors, support.points, airlight),
+            lambda: self._search.try_candidates(descriptors, support.points),
         )
         self._search.try_plane(
-            descriptors, self._plane, self._steep, config.likelihood_weight, airlight
-        )
+            descriptors, self._plane, self._steep, config.likelihood_weight)
         postprocess.check_and_refine(best, descriptors, tolerance, disparity, self._workers)
 
     @property

@@ -19,7 +19,6 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.arrays import Array, Image8, Points
-from uw_visibility.stereo.airlight import AirlightPrior
 from uw_visibility.stereo.elas.descriptors import BYTES, MIDDLE, absolute_difference
 from uw_visibility.stereo.elas.evidence import MEAN_OF_NORMAL
 
@@ -46,8 +45,6 @@ _SAME_MATCH = np.float32(1.0)
 _AROUND = 16
 # Stands for earlier matches where there are none.
 _NOWHERE = np.empty((0, 0), np.float32)
-# Stands for bounds and thickness where airlight bounds nothing.
-_NO_BOUND = (np.empty((0, 0), np.float32), np.empty(0, np.float32))
 
 
 @dataclass(frozen=True)
@@ -97,7 +94,7 @@ class SupportGrid:
         stride = 1 if few else _ORDER_STRIDE
         rows = -(-self._found.shape[0] // stride)
         exchanged = np.empty((2, rows, self._found.shape[1]), np.float32)
-        self._match(rows, stride, right, left, *_NO_BOUND, _NOWHERE, *exchanged)
+        self._match(rows, stride, right, left, _NOWHERE, *exchanged)
         in_order = np.count_nonzero(self._found[::stride] >= 0)
         return float((np.count_nonzero(exchanged[0] >= 0) + 10) / (in_order + 10))
 
@@ -106,7 +103,6 @@ class SupportGrid:
         left: Image8,
         right: Image8,
         noise: Array,
-        airlight: AirlightPrior | None = None,
         earlier: NDArray[np.float32] | None = None,
     ) -> SupportPoints:
         """Find the support points of a described pair.
@@ -114,7 +110,6 @@ class SupportGrid:
         left, right: (H * W * 16,) uint8, descriptors of the two views.
         noise: float64, standard deviation of the gradient responses that noise makes at each point
             of the grid. Texture that is much less than noise alone would be is none.
-        airlight: excludes disparities of ranges that are too far for a pixel's brightness.
         earlier: (N, 3) float32, column, row and disparity, px, of matches in other images of the
             scene. Beside one the search is limited to disparities around it, and where the best
             match is the same, it needs no uniqueness of its own.
@@ -127,8 +122,7 @@ class SupportGrid:
             _spread(earlier, config.support_step, agreed)
         least = _SIGNAL * MEAN_OF_NORMAL * BYTES * noise[:rows, :columns]
         np.maximum(config.support_texture, least.astype(np.int32), out=self._texture)
-        bound = _NO_BOUND if airlight is None else (airlight.farthest, airlight.thickness)
-        self._match(rows, 1, left, right, *bound, agreed, self._found, self._deviation)
+        self._match(rows, 1, left, right, agreed, self._found, self._deviation)
         workers.rows(
             keep_consistent, rows, self._found, config.consistency_cells,
             np.float32(config.consistency_disparity), config.consistency_count, self._kept,
@@ -235,19 +229,10 @@ def vertex_of_parabola(before: Any, at: Any, after: Any) -> float:
 
 
 @njit(nogil=True)
-def _least_disparity(farthest: Any, thickness: Any, low: int, high: int) -> int:
-    """Return the disparity before the first that airlight allows; it counts as a rival."""
-    d = low
-    while d < high and thickness[d] > farthest:
-        d += 1
-    return max(d - 1, low)
-
-
-@njit(nogil=True)
 def _search(
     start: int, stop: int, stride: int, height: int, width: int, step: int, lowest: int, high: int,
-    texture: Any, uniqueness: Any, left: Any, right: Any, farthest: Any, thickness: Any,
-    agreed: Any, found: Any, deviation: Any,
+    texture: Any, uniqueness: Any, left: Any, right: Any, agreed: Any,
+    found: Any, deviation: Any,
 ) -> None:
     cost = np.empty(high - lowest + 1, np.int32)
     floor = np.empty(high - lowest + 1, np.int32)
@@ -264,8 +249,6 @@ def _search(
                 continue
             last = min(high, u - REACH)
             low, top = lowest, high
-            if thickness.size > 0:
-                low = _least_disparity(farthest[v, u], thickness, lowest, last)
             if agreed.size > 0 and agreed[row, column] >= 0:
                 near = index_of(agreed[row, column], 0, width)
                 low = max(low, near - _AROUND)
