@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Matting: closed forms, holes, edges, threads."""
+"""Matting: closed forms, holes, edges."""
 
 import numpy as np
 import pytest
@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
-from uw_visibility.enhancement.matting import GuidedFilter, Matting
+from uw_visibility.enhancement.matting import refine
 from uw_visibility.errors import InputError
 
 SHAPE = (96, 130)
@@ -18,10 +17,6 @@ SHAPE = (96, 130)
 
 def textured(seed: int = 0, shape: tuple[int, int] = SHAPE) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, 256, (*shape, 3)).astype(np.uint8)
-
-
-def matting(threads: int = 1, **values: object) -> Matting:
-    return Matting(EnhancementConfig(**values), Workers(threads))
 
 
 def two_surfaces() -> tuple[np.ndarray, np.ndarray]:
@@ -37,14 +32,14 @@ def two_surfaces() -> tuple[np.ndarray, np.ndarray]:
 def test_constant_is_kept_exactly_between_single_points() -> None:
     coarse = np.full(SHAPE, np.nan, np.float32)
     coarse[::7, ::9] = 23.5
-    matte = matting().refine(coarse, textured())
+    matte = refine(coarse, textured())
     np.testing.assert_array_equal(matte, np.float32(23.5))
 
 
 def test_plane_is_kept_whatever_the_image() -> None:
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     plane = (20 + 0.11 * x - 0.07 * y).astype(np.float32)
-    matte = matting().refine(plane, textured())
+    matte = refine(plane, textured())
     np.testing.assert_allclose(matte, plane, atol=0.02)
 
 
@@ -53,7 +48,7 @@ def test_plane_continues_into_a_hole_of_half_the_image() -> None:
     plane = (20 + 0.11 * x - 0.07 * y).astype(np.float32)
     coarse = plane.copy()
     coarse[:, 40:105] = np.nan
-    matte = matting().refine(coarse, np.full((*SHAPE, 3), 90, np.uint8))
+    matte = refine(coarse, np.full((*SHAPE, 3), 90, np.uint8))
     np.testing.assert_allclose(matte, plane, atol=0.1)
 
 
@@ -61,7 +56,8 @@ def test_linear_function_of_the_guide_is_found() -> None:
     guide = np.repeat(np.repeat(textured(2, (12, 17)), 8, axis=0), 8, axis=1)[:96, :130]
     truth = (10 + guide @ np.array([0.05, 0.03, -0.02])).astype(np.float32)
     coarse = np.where(np.random.default_rng(3).random(SHAPE) < 0.3, truth, np.nan)
-    matte = matting(matting_smoothness=1e-7).refine(coarse.astype(np.float32), guide)
+    matte = refine(
+        coarse.astype(np.float32), guide, EnhancementConfig(matting_smoothness=1e-7))
     assert np.abs(matte - truth).mean() < 0.4 * truth.std() * 0.1
 
 
@@ -75,14 +71,14 @@ def test_edges_follow_the_image_better_than_a_nearest_or_linear_fill() -> None:
     values = truth[rows, columns].ravel()
     linear = griddata(points, values, grid, "linear").astype(np.float32)
     nearest = griddata(points, values, grid, "nearest").astype(np.float32)
-    matte = matting().refine(linear, image)
+    matte = refine(linear, image)
     error = np.abs(matte - truth).mean()
     assert error < 0.5 * np.nanmean(np.abs(linear - truth))
     assert error < 0.7 * np.abs(nearest - truth).mean()
 
 
 def test_nothing_to_start_from_is_said() -> None:
-    matte = matting().refine(np.full(SHAPE, np.nan, np.float32), textured())
+    matte = refine(np.full(SHAPE, np.nan, np.float32), textured())
     assert np.isnan(matte).all()
 
 
@@ -96,7 +92,7 @@ def test_nothing_to_start_from_is_said() -> None:
 )
 def test_any_data_give_a_finite_map_within_their_extremes(coarse: np.ndarray, grey: bool) -> None:
     guide = textured(4, coarse.shape)
-    matte = matting().refine(coarse, guide[..., 0] if grey else guide)
+    matte = refine(coarse, guide[..., 0] if grey else guide)
     if np.isfinite(coarse).any():
         assert np.isfinite(matte).all()
         assert matte.min() >= np.nanmin(coarse)
@@ -105,50 +101,28 @@ def test_any_data_give_a_finite_map_within_their_extremes(coarse: np.ndarray, gr
         assert np.isnan(matte).all()
 
 
-def test_same_bits_for_any_number_of_threads_and_again() -> None:
-    random = np.random.default_rng(5)
-    coarse = np.where(random.random(SHAPE) < 0.1, random.uniform(5, 50, SHAPE), np.nan)
-    coarse = coarse.astype(np.float32)
-    single = matting(threads=1)
-    first = single.refine(coarse, textured())
-    kept = first.copy()
-    single.refine(coarse + 1, textured(9))
-    np.testing.assert_array_equal(first, kept)
-    for threads in (2, 3):
-        again = matting(threads=threads).refine(coarse, textured())
-        np.testing.assert_array_equal(again, kept)
-
-
 def test_sixteen_bit_guide_gives_what_eight_bit_gives() -> None:
     truth, image = two_surfaces()
     coarse = np.where(np.random.default_rng(6).random(SHAPE) < 0.05, truth, np.nan)
     coarse = coarse.astype(np.float32)
-    eight = matting().refine(coarse, image)
-    sixteen = matting().refine(coarse, image.astype(np.uint16) * 257)
+    eight = refine(coarse, image)
+    sixteen = refine(coarse, image.astype(np.uint16) * 257)
     np.testing.assert_allclose(sixteen, eight, atol=1e-2)
 
 
 def test_image_of_another_size_or_type_is_refused() -> None:
     coarse = np.ones(SHAPE, np.float32)
     with pytest.raises(InputError, match="does not fit"):
-        matting().refine(coarse, textured(0, (96, 131)))
+        refine(coarse, textured(0, (96, 131)))
     with pytest.raises(InputError, match="8 or 16 bit"):
-        matting().refine(coarse, textured().astype(np.float32))
-
-
-def test_filter_keeps_its_buffers_for_one_size() -> None:
-    tool = matting()
-    tool.refine(np.ones(SHAPE, np.float32), textured())
-    first = tool._filter
-    tool.refine(np.ones(SHAPE, np.float32), textured())
-    assert isinstance(first, GuidedFilter)
-    assert tool._filter is first
+        refine(coarse, textured().astype(np.float32))
 
 
 def test_depth_edge_that_the_image_does_not_show_stays_narrow() -> None:
     coarse = np.full(SHAPE, 10, np.float32)
     coarse[:, 64:] = 40
-    matte = matting(matting_radius=8).refine(coarse, np.full((*SHAPE, 3), 90, np.uint8))
+    matte = refine(
+        coarse, np.full((*SHAPE, 3), 90, np.uint8), EnhancementConfig(matting_radius=8))
     wrong = np.abs(matte[48] - coarse[48]) > 1
     # 30 px where all windows weigh the same.
     assert wrong.sum() <= 26

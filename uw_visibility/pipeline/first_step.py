@@ -15,7 +15,7 @@ import numpy as np
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.enhancement.matting import Matting
+from uw_visibility.enhancement.matting import refine
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import DisparityMap, Image, PerChannel, Points
 from uw_visibility.images.pair import exposure_status
@@ -108,7 +108,7 @@ class FirstStep:
         self._pyramid, self._matcher = self._scale.pyramid, self._scale.matcher
         self._rig = rig
         self._support_step = config.stereo.support_step
-        self._matting = Matting(config.enhancement, workers)
+        self._matting = config.enhancement
         self._estimator = estimator
         self._workers = workers
 
@@ -135,18 +135,17 @@ class FirstStep:
                 gain = right_gain(left.pixels, right.pixels, support.points, left.transfer)
                 return gain, self._without_foreground(views.left, left.pixels, support)
 
-        def refine() -> DisparityMap:
+        def matte() -> DisparityMap:
             with clock("matting"):
                 # A thin mesh is helped by the dominant plane.
-                filled = fill_plane(mesh, support.points)
-                return self._matting.refine(filled, left.pixels)
+                return refine(fill_plane(mesh, support.points), left.pixels, self._matting)
 
         def estimate() -> WaterEstimate:
             with clock("visibility estimation 1"):
                 return self._estimate(view, mesh, 0 if by_chance else len(support))
 
         mesh, (gain, view) = self._workers.together(draw_mesh, unlike_the_scene)
-        disparity, water = self._workers.together(refine, estimate)
+        disparity, water = self._workers.together(matte, estimate)
         return CoarseEstimate(
             water=water,
             points=self._pyramid.upsample_points(support.points),
