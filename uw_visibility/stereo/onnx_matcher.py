@@ -25,6 +25,7 @@ from uw_visibility.images.arrays import DisparityMap
 from uw_visibility.images.network import Network
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import DenseMatch, Matcher, SupportPoints
+from uw_visibility.stereo.elas.postprocess import remove_segments
 from uw_visibility.stereo.rig import DISPARITY_STDDEV
 from uw_visibility.stereo.views import in_right_view
 
@@ -93,8 +94,7 @@ class OnnxMatcher(Matcher):
         """Set to NaN, as ELAS does, what noise explains, as in open water, and small segments."""
         config = self._config
         self._noise.remove(self._descriptors, disparity, self._noise_gradient(), self._workers)
-        self._segments.remove(
-            disparity, config.segment_size, config.segment_difference, self._workers)
+        remove_segments(disparity, config.segment_size, config.segment_difference)
 
     def _run(self, left: NDArray[np.float32], right: NDArray[np.float32]) -> DisparityMap:
         """Return the network's disparities, px; NaN beyond the limits and beyond the view."""

@@ -7,11 +7,11 @@ import numpy as np
 from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.elas.postprocess import (
     AdaptiveMean,
-    SegmentFilter,
     check_and_refine,
     fill_small_gaps,
     meeting_of_lines,
     remove_occluded,
+    remove_segments,
 )
 
 NAN = np.float32(np.nan)
@@ -41,7 +41,7 @@ def test_small_segments_go_and_large_ones_stay():
     disparity = np.full((40, 50), 10, np.float32)
     disparity[5:9, 5:9] = 30
     disparity[20:32, 20:32] = 30
-    SegmentFilter(disparity.shape).remove(disparity, 100, 1.0, Workers(1))
+    remove_segments(disparity, 100, 1.0)
     assert np.isnan(disparity[5:9, 5:9]).all()
     assert (disparity[20:32, 20:32] == 30).all()
     assert np.isnan(disparity).sum() == 16
@@ -52,13 +52,13 @@ def test_a_winding_segment_is_one_segment():
     disparity = np.full((30, 30), NAN)
     disparity[2:28, 3] = disparity[27, 3:25] = disparity[5:28, 24] = disparity[5, 8:25] = 7
     count = np.isfinite(disparity).sum()
-    SegmentFilter(disparity.shape).remove(disparity, int(count), 1.0, Workers(1))
+    remove_segments(disparity, int(count), 1.0)
     assert np.isfinite(disparity).sum() == count
 
 
 def test_a_slope_is_one_segment():
     slope = np.tile(np.arange(40, dtype=np.float32) * 0.9, (5, 1))
-    SegmentFilter(slope.shape).remove(slope, 200, 1.0, Workers(1))
+    remove_segments(slope, 200, 1.0)
     assert np.isfinite(slope).all()
 
 

@@ -143,7 +143,6 @@ class Matcher:
         self._search = DenseSearch(shape, disparities, config, workers)
         self._search_in_noise = SemiGlobalSearch(shape, disparities, config, workers)
         self._noise = NoiseFilter(shape, config.noise_ratio)
-        self._segments = postprocess.SegmentFilter(shape)
         self._edges = EdgeVote(shape)
         self._mean = AdaptiveMean(shape, config.smoothing_difference)
         # The described pair.
@@ -288,9 +287,7 @@ class Matcher:
         self._noise.remove(self._descriptors, disparity, self._noise_gradient(), self._workers)
         if self._is_noisy():
             self._mean.smooth(disparity, NOISE_RADIUS, self._workers)
-        self._segments.remove(
-            disparity, config.segment_size, config.segment_difference, self._workers
-        )
+        postprocess.remove_segments(disparity, config.segment_size, config.segment_difference)
         self._edges.drop(disparity, self._left, self._workers)
         postprocess.fill_small_gaps(
             disparity, config.gap_width, config.gap_difference, self._workers

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +21,8 @@ from uw_visibility.stereo.elas.descriptors import BYTES, absolute_difference
 # be so many times as wide as another that is bridged.
 _ONE_SURFACE = np.float32(1.0)
 _WIDER = 3
+# Steps of a pixel in which OpenCV compares disparities, and what is none.
+_STEPS, _OPEN = 16, -1
 # What is nearer by more than this, px, hides what falls on the same pixel of the right view;
 # pixels of a slanted surface share one too.
 _HIDES = np.float32(1.5)
@@ -49,29 +52,16 @@ def check(
     workers.rows(_check, disparity.shape[0], best[0], best[1], tolerance, disparity)
 
 
-class SegmentFilter:
-    """Removal of small segments, in memory that is allocated once.
+def remove_segments(disparity: DisparityMap, size: int, difference: float) -> None:
+    """Set segments of fewer than `size` pixels to NaN, in place.
 
     A segment is a set of pixels that are joined by neighbours (above, below,
-    left or right) whose disparities differ by at most a threshold.
+    left or right) whose disparities differ by at most `difference`, px.
     """
-
-    def __init__(self, shape: tuple[int, int]) -> None:
-        pixels = shape[0] * shape[1]
-        # The run of pixels of a row that each pixel belongs to, and of each run one that
-        # came before it and belongs to the same segment, and its number of pixels.
-        self._run = np.empty(shape, np.int32)
-        self._parent = np.empty(pixels, np.int32)
-        self._size = np.empty(pixels, np.int32)
-
-    def remove(
-        self, disparity: DisparityMap, size: int, difference: float, workers: Workers
-    ) -> None:
-        """Set segments of fewer than ``size`` pixels to NaN, in place."""
-        _join_runs(disparity, np.float32(difference), self._run, self._parent, self._size)
-        workers.rows(
-            _remove_small, disparity.shape[0], self._run, self._parent, self._size, size, disparity
-        )
+    steps = np.rint(disparity * _STEPS)
+    fixed = np.where(np.isfinite(steps), steps, _OPEN).astype(np.int16)
+    cv2.filterSpeckles(fixed, _OPEN, size - 1, round(difference * _STEPS))
+    disparity[fixed == _OPEN] = np.nan
 
 
 def fill_small_gaps(
@@ -150,61 +140,6 @@ def meeting_of_lines(before: Any, at: Any, after: Any) -> float:
     if slope <= 0:
         return 0.0
     return min(max(0.5 * (before - after) / slope, -0.5), 0.5)
-
-
-@njit(nogil=True)
-def _root(parent: Any, at: int) -> int:
-    while parent[at] != at:
-        parent[at] = parent[parent[at]]
-        at = parent[at]
-    return at
-
-
-@njit(nogil=True)
-def _join_runs(disparity: Any, difference: Any, run: Any, parent: Any, size: Any) -> None:
-    """Find the runs of each row, and join those that touch in neighbouring rows."""
-    height, width = disparity.shape
-    count = 0
-    for y in range(height):
-        last, last_above = -1, -1
-        for x in range(width):
-            d = disparity[y, x]
-            if d != d:
-                run[y, x] = -1
-                continue
-            if x > 0 and abs(disparity[y, x - 1] - d) <= difference:
-                here = run[y, x - 1]
-            else:
-                here = np.int32(count)
-                parent[count] = count
-                size[count] = 0
-                count += 1
-            run[y, x] = here
-            size[here] += 1
-            if y > 0 and abs(disparity[y - 1, x] - d) <= difference:
-                above = run[y - 1, x]
-                if here != last or above != last_above:
-                    last, last_above = here, above
-                    a, b = _root(parent, here), _root(parent, above)
-                    # The earlier run becomes the root, so that roots do not depend on
-                    # the order of the joins.
-                    parent[max(a, b)] = min(a, b)
-    for at in range(count):
-        # Parents come first, so that theirs is a root by now.
-        root = parent[parent[at]]
-        parent[at] = root
-        if root != at:
-            size[root] += size[at]
-
-
-@njit(nogil=True)
-def _remove_small(
-    start: int, stop: int, run: Any, parent: Any, size: Any, least: int, disparity: Any
-) -> None:
-    for y in range(start, stop):
-        for x in range(disparity.shape[1]):
-            if run[y, x] >= 0 and size[parent[run[y, x]]] < least:
-                disparity[y, x] = np.nan
 
 
 @njit(nogil=True)
