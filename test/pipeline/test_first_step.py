@@ -159,7 +159,7 @@ def test_a_small_thing_in_open_water_is_no_chance(frame: RenderedFrame) -> None:
 
 @pytest.mark.parametrize("factor", [1, 2, 3])
 def test_points_go_there_and_back(factor: int) -> None:
-    reduction = Pyramid(factor, (300, 400), pipeline()._workers)
+    reduction = Pyramid(factor, (300, 400))
     points = np.array([[0, 0, 3], [10, 20, 7.5], [130, 99, 0]], np.float32)
     whole = reduction.upsample_points(points)
     # The middle of a square of pixels, and its disparity.
@@ -170,5 +170,5 @@ def test_points_go_there_and_back(factor: int) -> None:
 
 def test_pixels_that_are_not_square_stay_so() -> None:
     rig = StereoRig(500.0, 0.1, (160.0, 120.0), None, 510.0)
-    small = Pyramid(2, (240, 320), pipeline()._workers).rig(rig)
+    small = Pyramid(2, (240, 320)).rig(rig)
     assert small.focal_length == 250.0 and small.focal_length_y == 255.0

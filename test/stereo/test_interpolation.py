@@ -124,7 +124,6 @@ def test_same_bits_for_any_number_of_threads_and_fresh_results() -> None:
     filler.fill(left + 1, right)
     np.testing.assert_array_equal(first, kept)
     np.testing.assert_array_equal(fill_gaps(left, right, 40, 3), kept)
-    np.testing.assert_array_equal(inpaint(left, Workers(3)), inpaint(left))
 
 
 def test_maps_of_another_shape_are_refused() -> None:

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from scenes import blurred, in_water, texture
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
-from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.view import View
 from uw_visibility.stereo.pyramid import Pyramid
@@ -49,9 +48,8 @@ def pair() -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("factor", [2, 3, 4])
-@pytest.mark.parametrize("threads", [1, 2])
-def test_a_slope_comes_back_as_it_was(factor: int, threads: int) -> None:
-    reduction = Pyramid(factor, (HEIGHT, WIDTH), Workers(threads))
+def test_a_slope_comes_back_as_it_was(factor: int) -> None:
+    reduction = Pyramid(factor, (HEIGHT, WIDTH))
     height, width = HEIGHT // factor, WIDTH // factor
     if reduction.factor == 1:
         assert (height, width) < (64, 96)
@@ -71,7 +69,7 @@ def test_two_surfaces_are_not_mixed_and_nothing_is_made_up() -> None:
     small = np.full((100, 120), 5.0, np.float32)
     small[:, 60:] = 12.0
     small[40:60] = np.nan
-    full = Pyramid(2, (200, 240), Workers(1)).upsample_disparity(small)
+    full = Pyramid(2, (200, 240)).upsample_disparity(small)
     assert set(np.unique(full[np.isfinite(full)])) == {10.0, 24.0}
     assert np.isnan(full[80:120]).all()
     assert np.isfinite(full[:80]).all()
@@ -82,7 +80,7 @@ def test_two_surfaces_are_not_mixed_and_nothing_is_made_up() -> None:
 def test_a_point_has_the_same_range_at_both_sizes(
     factor: int, x: float, y: float, disparity: float
 ) -> None:
-    small = Pyramid(factor, (480, 640), Workers(1)).rig(RIG)
+    small = Pyramid(factor, (480, 640)).rig(RIG)
     u, v = (x + 0.5) / factor - 0.5, (y + 0.5) / factor - 0.5
     points = []
     for rig, point, shift in ((RIG, (x, y), disparity), (small, (u, v), disparity / factor)):
@@ -93,14 +91,14 @@ def test_a_point_has_the_same_range_at_both_sizes(
 
 
 def test_images_too_small_to_be_matched_smaller_stay() -> None:
-    reduction = Pyramid(2, (120, 180), Workers(1))
+    reduction = Pyramid(2, (120, 180))
     image = np.zeros((120, 180, 3), np.uint8)
     assert reduction.downsample(image) is image
 
 
 def test_the_search_covers_the_same_disparities_at_most() -> None:
     config = StereoConfig(min_disparity=5, max_disparity=63)
-    found = Pyramid(2, (480, 640), Workers(1)).settings(config)
+    found = Pyramid(2, (480, 640)).settings(config)
     assert (found.min_disparity, found.max_disparity) == (3, 31)
 
 
@@ -158,7 +156,7 @@ def test_fine_texture_of_a_small_view_is_not_taken_for_noise(contrast: float) ->
     coarse = generator.uniform(-contrast, contrast, (60, 80, 3)).repeat(8, 0).repeat(8, 1)
     image = 128.0 + cv2.GaussianBlur(coarse, (0, 0), 2.0) + generator.normal(0.0, 3.0, coarse.shape)
     view = View.of(np.round(image).clip(0, 255).astype(np.uint8))
-    small = Pyramid(4, view.shape, Workers(1)).downsample_view(view)
+    small = Pyramid(4, view.shape).downsample_view(view)
     assert small.shape == (120, 160)
     # In noise a mean has more than 8 bits. That of sixteen pixels has a quarter of their noise.
     noise = small.noise / 257
@@ -173,7 +171,7 @@ def test_means_of_noisy_pixels_tell_a_tenth_of_a_code() -> None:
     image = np.broadcast_to(steps, (31, 400, 3)).repeat(8, axis=0)
     image = image + np.random.default_rng(2).normal(0.0, 2.0, image.shape)
     view = View.of(np.round(image).astype(np.uint8))
-    reduction = Pyramid(2, view.shape, Workers(1))
+    reduction = Pyramid(2, view.shape)
     small = reduction.downsample_view(view).pixels
     assert small.dtype == np.uint16
     bands = (small / 257).reshape(31, 4, -1).mean(axis=(1, 2))
@@ -186,5 +184,5 @@ def test_means_of_noisy_pixels_tell_a_tenth_of_a_code() -> None:
 def test_what_has_no_noise_keeps_its_type() -> None:
     smooth = np.tile(np.linspace(20, 200, 400)[np.newaxis, :, np.newaxis], (240, 1, 3))
     view = View.of(np.round(smooth).astype(np.uint8))
-    small = Pyramid(2, view.shape, Workers(1)).downsample_view(view)
+    small = Pyramid(2, view.shape).downsample_view(view)
     assert small.pixels.dtype == np.uint8

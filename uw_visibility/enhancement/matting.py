@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, DisparityMap, Mask
+from uw_visibility.images.cells import fold
 
 # Pixels of the image per cell of the finest grid, in either direction.
 CELL = 4
@@ -106,13 +107,13 @@ def _reduce(
 
     Of the plane returns the slopes per px along x and y and the value at (0, 0).
     """
-    count = _fold(known.astype(np.float32), CELL, 0.0)
+    count = fold(known.astype(np.float32), CELL, 0.0)
     some = np.maximum(count, 1.0)
     value, x, y = (
-        np.asarray(_fold(np.where(known, values, 0.0), CELL, 0.0) / some)
+        np.asarray(fold(np.where(known, values, 0.0), CELL, 0.0) / some)
         for values in (coarse, across, down))
-    near = _fold(np.where(known, coarse, -np.inf), CELL, -np.inf, np.maximum)
-    far = _fold(np.where(known, coarse, np.inf), CELL, np.inf, np.minimum)
+    near = fold(np.where(known, coarse, -np.inf), CELL, -np.inf, np.maximum)
+    far = fold(np.where(known, coarse, np.inf), CELL, np.inf, np.minimum)
     ramp = np.where(count > 0, near - far, np.inf) / STEEP
     weight = 1.0 / (1.0 + ramp**2)
     place = np.stack((x, y), axis=2)[count > 0]
@@ -123,35 +124,16 @@ def _reduce(
     slopes = np.linalg.solve(square, (share * (disparity - level)) @ away)
     plane = (float(slopes[0]), float(slopes[1]), float(level - slopes @ middle))
     value -= np.where(count > 0, plane[0] * x + plane[1] * y + plane[2], value)
-    return _Cells(_fold(image, CELL) / CELL**2, value, weight), plane
-
-
-def _fold(
-    values: NDArray[Any], side: int, beyond: float | None = None, how: np.ufunc = np.add
-) -> NDArray[Any]:
-    """Sum over cells of side² values, or another reduction.
-
-    Makes (⌈H/side⌉, ⌈W/side⌉, ...) of (H, W, ...). What lies beyond the border is `beyond`, or as
-    at the border.
-    """
-    height, width = (-(-n // side) for n in values.shape[:2])
-    pad = [(0, height * side - values.shape[0]), (0, width * side - values.shape[1])]
-    pad += [(0, 0)] * (values.ndim - 2)
-    if np.any(pad):
-        values = (
-            np.pad(values, pad, mode="edge") if beyond is None
-            else np.pad(values, pad, constant_values=beyond))
-    rows = how.reduce(values.reshape(height, side, *values.shape[1:]), axis=1)
-    return np.asarray(how.reduce(rows.reshape(height, width, side, *values.shape[2:]), axis=2))
+    return _Cells(fold(image, CELL) / CELL**2, value, weight), plane
 
 
 def _halved(cells: _Cells) -> _Cells:
     """The next coarser grid: means of what is known in two by two cells."""
-    total = _fold(cells.weight, 2, 0.0)
-    known = np.maximum(_fold((cells.weight > 0).astype(np.float64), 2, 0.0), 1.0)
-    weighted = _fold(cells.weight * cells.value, 2, 0.0)
+    total = fold(cells.weight, 2, 0.0)
+    known = np.maximum(fold((cells.weight > 0).astype(np.float64), 2, 0.0), 1.0)
+    weighted = fold(cells.weight * cells.value, 2, 0.0)
     return _Cells(
-        _fold(cells.guide, 2) / 4.0, weighted / np.where(total > 0, total, 1.0), total / known)
+        fold(cells.guide, 2) / 4.0, weighted / np.where(total > 0, total, 1.0), total / known)
 
 
 def _regress(cells: _Cells, radius: int, smoothness: float) -> Array:

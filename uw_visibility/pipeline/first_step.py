@@ -69,7 +69,7 @@ class CoarseEstimate:
     def whole_disparity(self) -> DisparityMap:
         """Return `disparity` at the images' size, px."""
         factor = self.view.shape[1] // self.disparity.shape[1]
-        return Pyramid(factor, self.view.shape, Workers(1)).upsample_disparity(self.disparity)
+        return Pyramid(factor, self.view.shape).upsample_disparity(self.disparity)
 
 
 class Scale:
@@ -79,7 +79,7 @@ class Scale:
         self, factor: int, shape: tuple[int, int], rig: StereoRig, config: PipelineConfig,
         workers: Workers, matcher: str = MATCHER,
     ) -> None:
-        self.pyramid = Pyramid(factor, shape, workers)
+        self.pyramid = Pyramid(factor, shape)
         self.factor, small = self.pyramid.factor, self.pyramid.small
         self.rig = self.pyramid.rig(rig)
         stereo = self.pyramid.settings(config.stereo)
@@ -200,7 +200,7 @@ def reduction_factor(shape: tuple[int, int], config: PipelineConfig) -> int:
     """Return the side of the squares of pixels that step 1 makes one of, px."""
     low, high = disparity_limits(config.stereo, shape[1])
     # At least as small as what step 2 matches.
-    factor = Pyramid(config.stereo.reduction, shape, Workers(1)).factor
+    factor = Pyramid(config.stereo.reduction, shape).factor
     while (
         shape[1] // (2 * factor) >= _LEAST_WIDTH
         and (high - low) // (2 * factor) >= _FEWEST_DISPARITIES

@@ -83,14 +83,14 @@ class SecondStep:
         self._workers = workers
         self._lamps = lamps
         self._scales: dict[int, Scale] = {}
-        self._finest = self._scale(Pyramid(config.stereo.reduction, shape, workers).factor)
+        self._finest = self._scale(Pyramid(config.stereo.reduction, shape).factor)
         # Noise may ask for one as coarse as step 1 has.
         self._sides = [self._finest.factor]
         # A network is not: it learnt what noise hides, and sizes that it has not had are slow.
         self._network = config.stereo.matcher == ONNX
         side = 2 * self._finest.factor
         while not self._network and (
-            Pyramid(side, shape, workers).factor == side <= reduction_factor(shape, config)
+            Pyramid(side, shape).factor == side <= reduction_factor(shape, config)
         ):
             self._sides.append(side)
             side *= 2
@@ -120,7 +120,7 @@ class SecondStep:
         """Fill gaps of the left view's disparity, then large areas; at the images' size, px."""
         match = improved.match
         scale = self._scales[improved.scale]
-        filled = inpaint(scale.gaps.fill(_whole(match), match.right), self._workers)
+        filled = inpaint(scale.gaps.fill(_whole(match), match.right))
         return scale.pyramid.upsample_disparity(filled)
 
     def support_points(self, left: View, right: View) -> Points:
@@ -198,7 +198,7 @@ class SecondStep:
         """The next coarser scale; None where that leaves too few disparities."""
         factor = 2 * scale.factor
         low, high = disparity_limits(self._config.stereo, self._shape[1])
-        if self._network or Pyramid(factor, self._shape, self._workers).factor != factor:
+        if self._network or Pyramid(factor, self._shape).factor != factor:
             return None
         if (high - low) // factor < _FEWEST_DISPARITIES:
             return None

@@ -11,9 +11,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.compute.indexing import index_of
-from uw_visibility.compute.jit import njit
-from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.arrays import DisparityMap, Image, Mask, Points
 from uw_visibility.images.pair import MIN_HEIGHT, MIN_WIDTH, read_only
@@ -23,6 +20,8 @@ from uw_visibility.stereo.rig import StereoRig
 
 # Of 16 bits, one code of 8: white stays white.
 _CODE_16_BIT = 257
+# Neighbours that differ by more, in small pixels, are two surfaces.
+_SURFACE = np.float32(1)
 
 
 class Pyramid:
@@ -36,12 +35,11 @@ class Pyramid:
     factor: 1 where the small images would be too small.
     """
 
-    def __init__(self, factor: int, shape: tuple[int, int], workers: Workers) -> None:
+    def __init__(self, factor: int, shape: tuple[int, int]) -> None:
         height, width = shape[0] // factor, shape[1] // factor
         self.factor = factor if height >= MIN_HEIGHT and width >= MIN_WIDTH else 1
         self.shape = shape
         self.small = shape[0] // self.factor, shape[1] // self.factor
-        self._workers = workers
 
     def downsample(self, image: Image) -> NDArray[Any]:
         """Return the small image, of the same type."""
@@ -120,9 +118,19 @@ class Pyramid:
         """
         if self.factor == 1:
             return small
-        full = np.empty(self.shape, np.float32)
-        self._workers.rows(_enlarge, self.shape[0], small, self.factor, full)
-        return full
+        size = small.shape[1] * self.factor, small.shape[0] * self.factor
+        own = cv2.resize(small, size, interpolation=cv2.INTER_NEAREST)
+        smooth = cv2.resize(small, size, interpolation=cv2.INTER_LINEAR)
+        # Each pixel lies between the centres of four of the small image.
+        beside = np.pad(small, 1, mode="edge")
+        corners = beside[:-1, :-1], beside[:-1, 1:], beside[1:, :-1], beside[1:, 1:]
+        # False where one of them is not a number.
+        even = np.maximum.reduce(corners) - np.minimum.reduce(corners) <= _SURFACE
+        rows, columns = (
+            ((np.arange(n) + 0.5) / self.factor + 0.5).astype(int) for n in own.shape)
+        full = self.factor * np.where(even[rows][:, columns], smooth, own)
+        left_over = [(0, n - m) for n, m in zip(self.shape, full.shape, strict=True)]
+        return np.pad(full, left_over, mode="edge")
 
     def upsample_confidence(
         self, small: NDArray[np.float32], disparity: DisparityMap
@@ -138,52 +146,3 @@ def _scaled(points: Points, scale: float) -> NDArray[np.float32]:
     # Pixel centres are whole numbers before and after.
     shift = np.array([0.5, 0.5, 0.0])
     return ((points + shift) * scale - shift).astype(np.float32)
-
-
-@njit(nogil=True, error_model="numpy")
-def _enlarge(start: int, stop: int, small: Any, factor: int, full: Any) -> None:
-    height, width = small.shape
-    columns = full.shape[1]
-    # Of each column of the full size: the small ones before and after its centre, how
-    # far it lies between them, and the one that it was averaged into.
-    before, after, own = np.empty((3, columns), np.uint32)
-    part = np.empty(columns, np.float32)
-    for x in range(columns):
-        before[x], after[x], part[x] = _between(x, factor, width)
-        own[x] = min(x // factor, width - 1)
-    for y in range(start, stop):
-        above, below, down = _between(y, factor, height)
-        _enlarge_row(
-            small[above], small[below], small[min(y // factor, height - 1)], down, before,
-            after, part, own, np.float32(factor), full[y],
-        )
-
-
-@njit(nogil=True, error_model="numpy", inline="always")
-def _between(at: int, factor: int, size: int) -> Any:
-    """Return the small pixels on both sides of a pixel's centre, and the part of the way."""
-    place = (np.float32(at) + np.float32(0.5)) / np.float32(factor) - np.float32(0.5)
-    before = index_of(np.floor(place), 0, size - 1)
-    part = min(max(place - np.float32(before), np.float32(0)), np.float32(1))
-    return before, min(before + 1, size - 1), part
-
-
-@njit(nogil=True, error_model="numpy")
-def _enlarge_row(
-    upper: Any, lower: Any, middle: Any, down: Any, before: Any, after: Any, part: Any, own: Any,
-    scale: Any, full: Any,
-) -> None:
-    # Neighbours that differ by more, in small pixels, are two surfaces.
-    edge = np.float32(1)
-    for x in range(full.size):
-        a, b = upper[before[x]], upper[after[x]]
-        c, d = lower[before[x]], lower[after[x]]
-        # False where one of them is not a number.
-        if max(max(a, b), max(c, d)) - min(min(a, b), min(c, d)) <= edge and (
-            a == a and b == b and c == c and d == d
-        ):
-            mean = a + part[x] * (b - a)
-            value = mean + down * (c + part[x] * (d - c) - mean)
-        else:
-            value = middle[own[x]]
-        full[x] = scale * value

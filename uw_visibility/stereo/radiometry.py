@@ -4,12 +4,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array, Image, Points
 from uw_visibility.optics.transfer import linear_table
 
@@ -62,25 +59,6 @@ def _patch_means(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return mean irradiance about each point, and whether a pixel there is saturated."""
     planes = image[..., np.newaxis] if image.ndim == 2 else image
-    means = np.empty((len(u), planes.shape[2]))
-    saturated = np.empty(means.shape, np.bool_)
-    _average_patches(planes, u, v, table, means, saturated)
-    return means, saturated
-
-
-@njit(nogil=True)
-def _average_patches(
-    planes: Any, u: Any, v: Any, table: Any, means: Any, saturated: Any
-) -> None:
-    top = table.size - 1
-    for i in range(u.size):
-        for channel in range(planes.shape[2]):
-            total = 0.0
-            clipped = False
-            for y in range(v[i] - _REACH, v[i] + _REACH + 1):
-                for x in range(u[i] - _REACH, u[i] + _REACH + 1):
-                    code = planes[y, x, channel]
-                    total += table[code]
-                    clipped |= code == top
-            means[i, channel] = total / (2 * _REACH + 1) ** 2
-            saturated[i, channel] = clipped
+    y, x = np.mgrid[-_REACH : _REACH + 1, -_REACH : _REACH + 1].reshape(2, -1)
+    codes = planes[v[:, np.newaxis] + y, u[:, np.newaxis] + x]
+    return table[codes].mean(axis=1, dtype=np.float64), (codes == table.size - 1).any(axis=1)

@@ -1,0 +1,40 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Square cells of pixels: sums, and other reductions, over each."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def fold(
+    values: NDArray[Any], side: int, beyond: float | None = None, how: np.ufunc = np.add
+) -> NDArray[Any]:
+    """Sum over cells of side² values, or another reduction.
+
+    Parameters
+    ----------
+    values : (H, W, ...) ndarray
+    side : int
+        Of a cell.
+    beyond : float, optional
+        What lies beyond the border; by default what lies at the border.
+    how : numpy.ufunc
+        What reduces.
+
+    Returns
+    -------
+    (⌈H/side⌉, ⌈W/side⌉, ...) ndarray
+    """
+    height, width = (-(-n // side) for n in values.shape[:2])
+    pad = [(0, height * side - values.shape[0]), (0, width * side - values.shape[1])]
+    pad += [(0, 0)] * (values.ndim - 2)
+    if np.any(pad):
+        values = (
+            np.pad(values, pad, mode="edge") if beyond is None
+            else np.pad(values, pad, constant_values=beyond))
+    rows = how.reduce(values.reshape(height, side, *values.shape[1:]), axis=1)
+    return np.asarray(how.reduce(rows.reshape(height, width, side, *values.shape[2:]), axis=2))
