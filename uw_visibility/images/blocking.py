@@ -4,11 +4,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Image
 
 BLOCK = 8
@@ -33,25 +30,14 @@ def blocking(image: Image) -> float:
     if width < 4 * BLOCK:
         return 1.0
     plane = image if image.ndim == 2 else image[..., 1]
-    # In floating point, so that there is one kernel for all kinds of pixels.
     rows = plane[:: max(1, -(-height // ROWS))].astype(np.float32)
     rows *= np.float32(255.0 / np.iinfo(image.dtype).max)
-    course = np.zeros(width - 3, np.float32)
-    _add_departures(rows, course)
+    # How far the step from a pixel to the next departs from those beside it, summed over rows.
+    step = np.diff(rows, axis=1)
+    away = np.abs(np.float32(2) * step[:, 1:-1] - step[:, :-2] - step[:, 2:])
+    course = np.minimum(away, np.float32(EDGE)).sum(axis=0)
     if course.sum() < LEAST:
         return 1.0
     means = np.array([course[(at - 2) % BLOCK :: BLOCK].mean() for at in range(BLOCK)])
     # The largest of the others: mosaics and resized images repeat every two or four pixels.
     return float(means[0] / max(means[1:].max(), 1e-9))
-
-
-@njit(nogil=True)
-def _add_departures(rows: Any, course: Any) -> None:
-    """Add up over rows how far the step from a pixel to the next departs from those beside it."""
-    edge, two = np.float32(EDGE), np.float32(2)
-    for y in range(rows.shape[0]):
-        row = rows[y]
-        for x in range(course.size):
-            before, step = row[x + 1] - row[x], row[x + 2] - row[x + 1]
-            away = abs(two * step - before - (row[x + 3] - row[x + 2]))
-            course[x] += away if away < edge else edge

@@ -154,9 +154,12 @@ def place_by_range(
     measure = 0.5 * np.searchsorted(order, grid) / len(order) + 0.5 * np.linspace(0, 1, 128)
     measure = (measure - measure[0]) / (measure[-1] - measure[0])
     edges = np.interp(np.linspace(0, 1, number + 1), measure, grid)
+    inside = near & (ranges >= np.float32(low)) & (ranges <= np.float32(high))
+    placed = np.clip(np.searchsorted(edges, ranges[inside], "right") - 1, 0, number - 1)
     place = np.full(ranges.shape, -1, np.int8)
-    count, total = np.zeros(number), np.zeros(number)
-    _place(ranges, near, edges, np.float32(low), np.float32(high), place, count, total)
+    place[inside] = placed
+    count = np.bincount(placed, minlength=number).astype(np.float64)
+    total = np.bincount(placed, ranges[inside], number)
     centres = np.sqrt(edges[1:] * edges[:-1])
     mean = np.where(count > 0, total / np.maximum(count, 1), centres)
     return place, mean, count, (float(low), float(high))
@@ -184,27 +187,6 @@ def stacked(frames: Sequence[tuple[Blocks, Array]]) -> Blocks:
         clipped=np.mean([blocks.clipped for blocks in parts], axis=0),
         black=np.mean([blocks.black for blocks in parts], axis=0),
         noise=np.mean([blocks.noise * gain for blocks, gain in frames], axis=0))
-
-
-@njit(nogil=True)
-def _place(
-    ranges: Any, near: Any, edges: Any, low: Any, high: Any, place: Any, count: Any, total: Any
-) -> None:
-    """Fill the bins of blocks, and number and sum of the ranges of each bin."""
-    at = 0
-    for y in range(ranges.shape[0]):
-        for x in range(ranges.shape[1]):
-            distance = ranges[y, x]
-            if not (near[y, x] and distance >= low and distance <= high):
-                continue
-            # Neighbours are mostly of one bin.
-            while at > 0 and distance < edges[at]:
-                at -= 1
-            while at < len(count) - 1 and distance >= edges[at + 1]:
-                at += 1
-            place[y, x] = at
-            count[at] += 1.0
-            total[at] += distance
 
 
 @njit(nogil=True)

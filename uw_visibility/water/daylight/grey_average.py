@@ -17,8 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.compute.jit import njit
-
 # ln of the ratio of two channels' mean code values up to which an image is grey on average.
 # On real pairs of a video camera with automatic white balance it is up to 0.067; of 960
 # frames of fixed balance at 3 m none is within this.
@@ -46,22 +44,13 @@ class ColourBalance(NamedTuple):
 
 def colour_balance(pixels: NDArray[Any]) -> ColourBalance:
     """Compare the means of the channels of RGB code values."""
-    total = np.zeros(3)
-    _sum_up(pixels, total)
+    total = pixels[::STRIDE, ::STRIDE].sum(axis=(0, 1), dtype=np.float64)
     if not total.all():
         return ColourBalance(False, False)
     red, _, blue = np.log(total / total[1])
     return ColourBalance(
         bool(max(abs(red), abs(blue)) <= LARGEST_RATIO),
         bool(red < 0.0 and abs(blue) <= BLUE_AS_GREEN))
-
-
-@njit(nogil=True)
-def _sum_up(pixels: Any, total: Any) -> None:
-    for y in range(0, pixels.shape[0], STRIDE):
-        for x in range(0, pixels.shape[1], STRIDE):
-            for c in range(3):
-                total[c] += pixels[y, x, c]
 
 
 class GreyFrames:
