@@ -49,7 +49,6 @@ def run(arguments: argparse.Namespace) -> None:
     from uw_visibility import Pipeline, StereoRig
     from uw_visibility.compute.jit import counts
     from uw_visibility.compute.kernel_folder import writable_folder
-    from uw_visibility.messages import output_kernels
 
     width, height = arguments.size
     pipeline = Pipeline(StereoRig(500.0, 0.1, ((width - 1) / 2, (height - 1) / 2)), config)
@@ -62,7 +61,6 @@ def run(arguments: argparse.Namespace) -> None:
                     pipeline.warm_up((height, width), dtype, grey=grey, compressed=colour_8_bit)
         except InputError as error:
             raise InputError(f"cannot warm up with --size {width}x{height}: {error}") from error
-        output_kernels.warm_up()
     duration = time.monotonic() - begin
     folder = writable_folder()
     place = f"kept in {folder}" if folder else "kept nowhere: no folder can be written to"

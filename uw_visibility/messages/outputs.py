@@ -24,7 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.schema import NodeConfig
-from uw_visibility.messages import output_kernels as kernels
+from uw_visibility.messages.pixels import (
+    DISPARITY_STEP,
+    cloud_of,
+    depth_of,
+    published_disparity,
+)
 from uw_visibility.messages.estimates import (
     ESTIMATES,
     Estimate,
@@ -69,7 +74,7 @@ class Source:
         result, rig = self.result, self.pair.rig
         low = max(result.stereo.min_disparity - rig.offset, 0.0)
         high = max(result.stereo.max_disparity - rig.offset, low)
-        pixels = kernels.published_disparity(
+        pixels = published_disparity(
             result.disparity, self.pair.valid, rig.offset, low, high)
         return pixels, low, high
 
@@ -77,7 +82,8 @@ class Source:
     def depth(self) -> NDArray[np.float32]:
         """Z of the matched pixels, ``(H, W)`` float32, m; NaN elsewhere."""
         disparity, low, _ = self.disparity
-        return kernels.depth_of(disparity, low, self.pair.rig.focal_length * self.pair.rig.baseline)
+        rig = self.pair.rig
+        return depth_of(disparity, low, rig.focal_length * rig.baseline)
 
 
 def estimate(name: str, filtered: bool, source: Source) -> Any:
@@ -128,7 +134,7 @@ def disparity(source: Source) -> Any:
         valid_window=region_message(source.make, _valid_window(source)),
         min_disparity=low,
         max_disparity=high,
-        delta_d=kernels.DISPARITY_STEP,
+        delta_d=DISPARITY_STEP,
     )
 
 
@@ -144,7 +150,7 @@ def points(source: Source) -> Any:
     cx, cy = rig.principal_point
     columns = (np.arange(width) - cx) / rig.focal_length
     rows = (np.arange(height) - cy) / (rig.focal_length_y or rig.focal_length)
-    cloud = kernels.cloud_of(
+    cloud = cloud_of(
         depth, columns.astype(np.float32), rows.astype(np.float32), source.result.left_enhanced
     )
     fields = [

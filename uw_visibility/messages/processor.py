@@ -12,7 +12,6 @@ from typing import Any
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
-from uw_visibility.messages import output_kernels
 from uw_visibility.messages.estimates import ImageHeader
 from uw_visibility.messages.frames import FrameReader, StereoFrame, StereoPair
 from uw_visibility.messages.images import MessageFactory
@@ -40,7 +39,6 @@ def warm_up(config: PipelineConfig, *, compressed: bool = False) -> None:
     """
     pipeline = Pipeline(WARM_UP_RIG, warm_up_config(config))
     pipeline.warm_up(WARM_UP_SHAPE, compressed=compressed)
-    output_kernels.warm_up()
 
 
 def try_out(

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from uw_visibility.messages.output_kernels import (
+from uw_visibility.messages.pixels import (
     DISPARITY_STEP,
     cloud_of,
     depth_of,
