@@ -24,12 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.schema import NodeConfig
-from uw_visibility.messages.pixels import (
-    DISPARITY_STEP,
-    cloud_of,
-    depth_of,
-    published_disparity,
-)
 from uw_visibility.messages.estimates import (
     ESTIMATES,
     Estimate,
@@ -39,6 +33,12 @@ from uw_visibility.messages.estimates import (
 )
 from uw_visibility.messages.frames import StereoFrame, StereoPair
 from uw_visibility.messages.images import MessageFactory, write_image
+from uw_visibility.messages.pixels import (
+    DISPARITY_STEP,
+    cloud_of,
+    depth_of,
+    published_disparity,
+)
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.stereo.calibration import matrix_of
 from uw_visibility.water.series.filter import FilteredWater
