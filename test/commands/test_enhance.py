@@ -180,7 +180,9 @@ def test_a_jpeg_without_a_transfer_asks_for_it(
 
 
 @pytest.mark.parametrize("kind", ["grey", "16 bit"])
-def test_what_cannot_be_assessed_is_null_with_a_status(tmp_path: Path, kind: str) -> None:
+def test_what_cannot_be_assessed_is_null_with_a_status(
+    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     left, right = make_pair(np.uint16 if kind == "16 bit" else np.uint8)
     if kind == "grey":
         left, right = left[:, :, 1], right[:, :, 1]
@@ -189,6 +191,9 @@ def test_what_cannot_be_assessed_is_null_with_a_status(tmp_path: Path, kind: str
     report = check_outputs(tmp_path / "out", left)
     # One plane at one range tells nothing of the water, whatever its colour.
     assert report["status"] == ("no colour" if kind == "grey" else "range spread too small")
+    said = capsys.readouterr().out
+    assert ("needs a colour camera" if kind == "grey" else "Tilt the camera") in said
+    assert "closest to what divers" not in said
     assert report["visibility_distance"] is None
     assert report["depth"] is None
     assert report["matched_fraction"]["enhanced"] > 0.6

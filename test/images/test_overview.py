@@ -53,6 +53,14 @@ def test_labels_scale_and_assumptions_are_written() -> None:
     assert overview(image, image, ranges, "word " * 300, 0.0).shape[0] > assumed.shape[0]
 
 
+def test_an_image_that_was_not_restored_is_not_said_to_be() -> None:
+    image, ranges = np.full((240, 320, 3), 90, np.uint8), np.ones((240, 320), np.float32)
+    alike = overview(image, image, ranges, "", 0.0)
+    restored = overview(image, image + np.uint8(1), ranges, "", 0.0)
+    assert (alike[:16, 320:640] != restored[:16, 320:640]).any()
+    np.testing.assert_array_equal(alike[:16, :320], restored[:16, :320])
+
+
 def test_the_scale_ends_where_errors_of_range_are_half_of_it() -> None:
     """A disparity of a tenth of a pixel is open water, not something at 600 m."""
     error = 0.01

@@ -105,6 +105,7 @@ def run(arguments: argparse.Namespace) -> None:
     rig = _make_rig(arguments, left.shape)
     _prepare_folder(arguments)
     # Imported late: compiled modules load slowly, and bad input is refused before.
+    from uw_visibility.replay.report.meaning import meaning
     from uw_visibility.replay.report.sentences import definition
     from uw_visibility.water.meaning.derived import DerivedModel
 
@@ -118,7 +119,8 @@ def run(arguments: argparse.Namespace) -> None:
             report = _write(
                 folder, result, DerivedModel.from_config(config), left, assumed, rig.range_error())
     say(_summary(report, arguments.output))
-    say(definition(config.assessment.contrast))
+    told_distance = report["visibility_distance"] is not None
+    say(definition(config.assessment.contrast) if told_distance else meaning(report["status"]))
     say(assumed)
     if "camera.transfer" not in told and arguments.left.suffix.lower() in LOSSY:
         say(ASK_TRANSFER, error=True)

@@ -68,7 +68,8 @@ def side_by_side(
     lines = [line for each in words for line in textwrap.wrap(each, letters)]
     above = np.zeros((step, 3 * width, 3), np.uint8)
     below = np.zeros((step * max(len(lines), 2), 3 * width, 3), np.uint8)
-    for column, title in enumerate(("as recorded", "without the water", "range; black: none")):
+    restored = "not restored" if np.array_equal(image, enhanced) else "without the water"
+    for column, title in enumerate(("as recorded", restored, "range; black: none")):
         _write(above, title, column * width, 0, size)
     for row, line in enumerate(lines):
         _write(below, line, 0, row, size)
