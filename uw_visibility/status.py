@@ -56,6 +56,7 @@ class Status(str, Enum):
     NO_WATER_TYPE = "attenuation is that of no Jerlov type"
     WATER_TYPE_UNCERTAIN = "attenuation is too uncertain to tell a Jerlov type"
     LIT_BY_LAMPS = "lit by lamps: set lighting.model (and lighting.positions)"
+    LIGHT_UNCERTAIN = "daylight or lamps: which of them lights the scene is not certain"
     LEFT_TO_STEP_2 = "under lamps step 2 alone estimates"
     NO_DEPTH_BY_LAMPS = (
         "lamps light the scene, which tells no depth (lighting.model; take the depth sensor's)"

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from lamp_scene import CLEAR_WATER, SIZE, ground, render, texture
@@ -11,6 +13,7 @@ from lamp_scene import CLEAR_WATER, SIZE, ground, render, texture
 from uw_visibility.config.schema import WaterConfig
 from uw_visibility.optics.light_model import attenuate
 from uw_visibility.status import Status
+from uw_visibility.water.daylight import estimation
 from uw_visibility.water.daylight.estimation import WaterEstimator
 
 
@@ -27,6 +30,24 @@ def test_a_night_frame_says_what_to_set(alpha: float) -> None:
     assert not np.isfinite(found.attenuation).any()
 
 
+@pytest.mark.parametrize(
+    ("probability", "status"),
+    [(0.05, Status.OK), (0.2, Status.LIGHT_UNCERTAIN), (0.8, Status.LIT_BY_LAMPS)])
+def test_light_that_is_not_certain_tells_no_water(
+    monkeypatch: pytest.MonkeyPatch, probability: float, status: Status
+) -> None:
+    """A view by lamps that passes for daylight has water that is wrong many times over."""
+    distance = ground().astype(np.float32)
+    image = attenuate(
+        texture(0, distance), distance, CLEAR_WATER + 0.2, np.full(3, 0.4), np.full(3, 0.8))
+    infer = estimation.infer
+    monkeypatch.setattr(
+        estimation, "infer", lambda *told: replace(infer(*told), lamps=probability))
+    found = estimator().estimate(image, distance, range_error=0.0)
+    assert found.status is status
+    assert np.isfinite(found.attenuation).any() == (status is Status.OK)
+
+
 @pytest.mark.parametrize("veil", [0.2, 0.5, 1.0])
 @pytest.mark.parametrize("alpha", [0.02, 0.3])
 def test_daylight_is_not_taken_for_lamps(alpha: float, veil: float) -> None:
@@ -36,7 +57,7 @@ def test_daylight_is_not_taken_for_lamps(alpha: float, veil: float) -> None:
             texture(seed, distance), distance, CLEAR_WATER + alpha, np.full(3, 0.8 * veil),
             np.full(3, 0.8))
         found = estimator().estimate(image, distance, range_error=0.0)
-        assert found.status is not Status.LIT_BY_LAMPS
+        assert found.status not in (Status.LIT_BY_LAMPS, Status.LIGHT_UNCERTAIN)
 
 
 @pytest.mark.parametrize("near", [0.5, 0.8])

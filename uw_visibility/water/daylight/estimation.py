@@ -157,8 +157,8 @@ class WaterEstimator:
             return WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS, envelope)
         networks = self._networks
         posterior = infer(networks, statistics)
-        if posterior.lit_by_lamps:
-            return WaterEstimate.not_assessable(Status.LIT_BY_LAMPS, envelope)
+        if posterior.light_status is not Status.OK:
+            return WaterEstimate.not_assessable(posterior.light_status, envelope)
         status = [refuse_channel(envelope, channel) for channel in range(3)]
         active = np.array([each is Status.OK for each in status])
         if not active.any():
@@ -224,7 +224,7 @@ class WaterEstimator:
             return None
         statistics = summarise(blocks, range_error, np.full(3, self._clear_water.min()))
         posterior = None if statistics is None else infer(self._networks, statistics)
-        if posterior is None or posterior.lit_by_lamps:
+        if posterior is None or posterior.light_status is not Status.OK:
             return None
         parameters, covariance = self._one_light(
             posterior, blocks, range_error, np.ones(3, np.bool_), None)

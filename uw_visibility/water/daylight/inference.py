@@ -13,6 +13,7 @@ import numpy as np
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array, Mask
+from uw_visibility.status import Status
 from uw_visibility.water.daylight.network import UNKNOWNS, Mixture, Network, lit
 from uw_visibility.water.daylight.statistics import (
     FLOOR,
@@ -23,6 +24,8 @@ from uw_visibility.water.daylight.statistics import (
 
 # Draws of each component, for quantiles that have no closed form.
 DRAWS = 128
+# Largest probability of lamps at which a view is taken for one by daylight.
+MOST_LAMPS = 0.1
 # Quantiles of irradiance that no surface is darker, or brighter, than; by place in QUANTILES.
 DARKEST, LIGHTEST = 1, len(QUANTILES) - 1
 # Places of ln β and ln B of each channel among the nine unknowns.
@@ -63,9 +66,14 @@ class Posterior:
     misfit: float = 0.0
 
     @property
-    def lit_by_lamps(self) -> bool:
-        """Whether undeclared lamps are likelier than daylight."""
-        return self.lamps > 0.5
+    def light_status(self) -> Status:
+        """OK for daylight; else why a view is refused: lamps that nobody told of, or perhaps so.
+
+        Water that is estimated by daylight from a view by lamps is wrong many times over.
+        """
+        if self.lamps > 0.5:
+            return Status.LIT_BY_LAMPS
+        return Status.LIGHT_UNCERTAIN if self.lamps > MOST_LAMPS else Status.OK
 
     def clearest(self, seen: Mask, quantiles: Array) -> Array:
         """Quantiles of −ln min β over the channels seen; β in 1/m."""

@@ -95,10 +95,6 @@ class FrameWindow(Generic[Item]):
 
 # A change between older and newer frames beyond so many standard deviations is the water's.
 CHANGE_LIMIT = 5.0
-# Lamps' light falls as 1/d in turbid water, and faster than 1/d² in clear water.
-LAMP_SLOPE = -0.8
-# Farthest over nearest frame from which on it shows whether lamps light the ground.
-LAMP_RATIO = 1.25
 
 
 @dataclass(frozen=True)
@@ -132,17 +128,6 @@ class FrameEnvelopes:
 def median_level(frames: Sequence[FrameEnvelopes]) -> Array:
     """Median over frames of the bright envelopes' levels, (3,); 1 without frames."""
     return np.asarray(np.median([f.level for f in frames], axis=0) if frames else np.ones(3))
-
-
-def levels_fall_as_by_lamps(frames: Sequence[FrameEnvelopes]) -> bool:
-    """Whether farther frames are darker in every channel, as lamps make them."""
-    distance = np.array([float(np.exp(np.log(f.envelope.range).mean())) for f in frames])
-    x = np.log(distance) - np.log(distance).mean()
-    if distance.max() < LAMP_RATIO * distance.min():
-        return False
-    levels = np.log([f.level for f in frames])
-    slopes = x @ (levels - levels.mean(axis=0)) / max(float(x @ x), 1e-12)
-    return bool((slopes < LAMP_SLOPE).all())
 
 
 def mean_of_known(values: Array) -> float:
@@ -263,8 +248,6 @@ class Survey:
         return survey, median_level(frames)
 
     def _water(self, frames: Sequence[FrameEnvelopes]) -> WaterEstimate:
-        if levels_fall_as_by_lamps(frames):
-            return WaterEstimate.not_assessable(Status.LIT_BY_LAMPS)
         whole = self._together(frames)
         if not np.isfinite(whole.attenuation).any():
             return whole
