@@ -13,8 +13,8 @@ import numpy as np
 
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.images.arrays import Array, Image
+from uw_visibility_lab.simulation.phase_functions import HENYEY_GREENSTEIN, fournier_forand
 from uw_visibility_lab.tracer import engine
-from uw_visibility_lab.tracer.phase import phase_of
 from uw_visibility_lab.tracer.scene import Description, camera_position, shapes_of
 from uw_visibility_lab.tracer.shapes import Shape
 
@@ -30,6 +30,10 @@ AUXILIARY = 4
 
 CLEAR = 1e-3
 """Water that is left before a bare surface, m."""
+
+PHASE_ENTRIES = 1 << 18
+"""Of a phase function's table. What is scattered by less than its last step, 0.22°, is spread over
+that."""
 
 SKY_LENGTHS, SKY_REACH = 4.0, (15.0, 60.0)
 """Half the side of the shining surface: attenuation lengths of the clearest channel, and its
@@ -175,7 +179,10 @@ class Tracer:
         transform = mi.ScalarTransform4f
         origin = self._origin()
         forward, right, down = self._axes()
-        phase = phase_of(given.water.phase, given.water.asymmetry)
+        phase = {"type": "hg", "g": given.water.asymmetry}
+        if given.water.phase != HENYEY_GREENSTEIN:
+            table = ",".join(f"{value:.6g}" for value in fournier_forand_table())
+            phase = {"type": "tabphase", "values": table}
         scene: dict[str, Any] = {
             "type": "scene",
             "water": {"type": "homogeneous", "albedo": 0.5, "sigma_t": 0.3, "phase": phase},
@@ -224,6 +231,23 @@ class Tracer:
         values["faces"] = shape.faces.astype(np.uint32).ravel()
         values.update()
         return mesh
+
+
+def fournier_forand_table(entries: int = PHASE_ENTRIES) -> Array:
+    """Fournier-Forand phase function over the cosine of the scattering angle, -1 .. 1.
+
+    The table keeps what is scattered into each step, though the function has a pole at 0.
+
+    Returns (entries,) float64, 1/sr, at equal steps of the cosine; its integral over the sphere,
+    linear between entries, is 1.
+    """
+    step = 2.0 / (entries - 1)
+    cosine = np.linspace(-1.0, 1.0, entries)
+    table = fournier_forand(np.arccos(cosine[:-1]))
+    within = 2.0 * math.pi * step * (table.sum() - 0.5 * (table[0] + table[-1]))
+    # The rest of 1 is in the last step, a trapezium.
+    last = 2.0 * (1.0 - within) / (2.0 * math.pi * step) - table[-1]
+    return np.asarray(np.append(table, max(last, table[-1])))
 
 
 def without_gaps(image: Image) -> Image:

@@ -12,8 +12,8 @@ import numpy as np
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
+from uw_visibility_lab.simulation.phase_functions import FOURNIER_FORAND, HENYEY_GREENSTEIN
 from uw_visibility_lab.tracer.noise import fractal
-from uw_visibility_lab.tracer.phase import FOURNIER_FORAND, HENYEY_GREENSTEIN
 from uw_visibility_lab.tracer.shapes import (
     Shape,
     box,
@@ -52,7 +52,7 @@ class Water:
 
     absorption: Colour  # absorption, scattering: RGB, 1/m
     scattering: Colour
-    phase: str = HENYEY_GREENSTEIN  # phase function: this, or one of those of `cosine_table`
+    phase: str = HENYEY_GREENSTEIN  # phase function: this, or Fournier and Forand's
     asymmetry: float = 0.85  # mean cosine of Henyey-Greenstein's function
 
     @property
