@@ -17,16 +17,14 @@ from numpy.typing import NDArray
 from uw_visibility.compute.jit import njit
 from uw_visibility_lab.simulation.noise import fractal_noise
 
+# A row of a shape: kind, centre (3), its own axes (3, 3), half lengths (3), radius of a sphere
+# about it, index of its material, and height of lumps over that radius.
+SHAPE_COLUMNS = 19
 ELLIPSOID, CAPSULE, BOX = 0, 1, 2
 """Kinds of shapes: half axes; half length along its third axis and radius; half sides."""
 
-# Columns of a shape's row.
-KIND, CENTRE, AXES, HALF, BOUND, MATERIAL, BUMP, SHAPE_COLUMNS = 0, 1, 4, 13, 16, 17, 18, 19
-
-# Columns of a material's row: pattern, two colours, cell and sharpness of the pattern, coarse and
+# A row of a material: pattern, two colours (3 each), cell and sharpness of the pattern, coarse and
 # fine variation of brightness, persistence, picture (-1 for none) and metres a picture covers.
-PATTERN, FIRST, SECOND, CELL, SHARP, COARSE, FINE, PERSISTENCE, PICTURE, COVER, MATERIAL_COLUMNS = (
-    0, 1, 4, 7, 8, 9, 10, 11, 12, 13, 14)
 MIXED, CHECKED, STRIPED = 0, 1, 2
 """Patterns: two colours by fractal noise, by a checkerboard, by stripes."""
 
@@ -252,7 +250,7 @@ def cast(
 
     directions: (H, W, 3) unit vectors. shapes: (n, SHAPE_COLUMNS). relief, hollow: (m, m) heights
     and the light that hollows leave, over `size`. most: range beyond which nothing is met.
-    materials: (k, MATERIAL_COLUMNS). ground: indices of its two materials, which change by noise
+    materials: (k, 14). ground: indices of its two materials, which change by noise
     of `ground_cell`. pictures: (p, pixels of all levels, 3). sun: (3,) towards it. ambient: share
     of light that is even. reflectance (H, W, 3), ranges (H, W): written, inf for nothing.
     """

@@ -29,30 +29,12 @@ from uw_visibility_lab.evaluation.parallel import run_all
 from uw_visibility_lab.simulation.noise import noise_lattice
 from uw_visibility_lab.worlds.beliefs import count, draw, happens
 from uw_visibility_lab.worlds.geometry import (
-    AXES,
-    BOUND,
     BOX,
-    BUMP,
     CAPSULE,
-    CELL,
-    CENTRE,
     CHECKED,
-    COARSE,
-    COVER,
     ELLIPSOID,
-    FINE,
-    FIRST,
-    HALF,
-    KIND,
-    MATERIAL,
-    MATERIAL_COLUMNS,
     MIXED,
-    PATTERN,
-    PERSISTENCE,
-    PICTURE,
-    SECOND,
     SHAPE_COLUMNS,
-    SHARP,
     STRIPED,
     TEXTURE,
     cast,
@@ -76,31 +58,16 @@ MADE = ("metal", "board", "board")
 
 @dataclass(frozen=True)
 class Scene:
-    """Colours and ranges of one view without water.
+    """Colours and ranges of one view without water."""
 
-    Attributes
-    ----------
-    name : str
-        For tables.
-    kind : str
-        ``procedural``, ``picture on a plane``, ``rgbd``.
-    reflectance : (H, W, 3) float32 ndarray
-        Linear, 0..1, RGB: albedo and the shading of its surface.
-    range : (H, W) float32 ndarray
-        m along the line of sight; inf where nothing is.
-    pitch, roll : float
-        Of the camera, rad below the horizon and right side down; NaN where not known.
-    focal_length : float
-        In widths of the image; NaN where not known.
-    """
-
-    name: str
-    kind: str
+    name: str  # for tables
+    kind: str  # ``procedural``, ``picture on a plane``, ``rgbd``
+    # (H, W, 3) float32; linear, 0..1, RGB: albedo and the shading of its surface
     reflectance: Map
-    range: Map
-    pitch: float = math.nan
-    roll: float = 0.0
-    focal_length: float = math.nan
+    range: Map  # (H, W) float32; m along the line of sight; inf where nothing is
+    pitch: float = math.nan  # of the camera, rad below the horizon; NaN where not known
+    roll: float = 0.0  # of the camera, rad, right side down
+    focal_length: float = math.nan  # in widths of the image; NaN where not known
 
 
 def middlebury(folder: Path) -> Scene:
@@ -228,29 +195,28 @@ class _Builder:
     def material(self, kinds: Sequence[str] = NATURAL) -> int:
         """Draw a material; returns its index."""
         rng = self.rng
-        row = np.zeros(MATERIAL_COLUMNS)
         kind = kinds[int(rng.integers(len(kinds)))]
-        row[FIRST:FIRST + 3] = self.colour(kind)
+        first = self.colour(kind)
         other = kind if happens(rng, "shape.same_kind") else kinds[int(rng.integers(len(kinds)))]
-        row[SECOND:SECOND + 3] = self.colour(other)
-        row[PATTERN] = MIXED
-        row[CELL] = draw(rng, "shape.pattern_cell")
+        second = self.colour(other)
+        pattern, cell = MIXED, draw(rng, "shape.pattern_cell")
         # From a smooth mixture to patches with sharp edges.
-        row[SHARP] = draw(rng, "shape.pattern_sharpness")
+        sharp = draw(rng, "shape.pattern_sharpness")
         if kind == "board":
-            row[PATTERN] = (MIXED, CHECKED, STRIPED)[int(rng.integers(3))]
-            row[SHARP] = 20.0
+            pattern = (MIXED, CHECKED, STRIPED)[int(rng.integers(3))]
+            sharp = 20.0
         elif happens(rng, "shape.striped"):
-            row[PATTERN] = STRIPED
-        row[COARSE] = draw(rng, "procedural.variation")
-        row[FINE] = draw(rng, "procedural.grain")
-        row[PERSISTENCE] = draw(rng, "procedural.persistence")
-        row[PICTURE] = -1
+            pattern = STRIPED
+        coarse, fine = draw(rng, "procedural.variation"), draw(rng, "procedural.grain")
+        persistence = draw(rng, "procedural.persistence")
+        picture, cover = -1, 0.0
         if self.pictures and happens(rng, "procedural.picture_material"):
-            row[PICTURE] = rng.integers(len(self.pictures))
-            row[COVER] = draw(rng, "shape.picture_cover")
-            row[COARSE] *= 0.3
-            row[FINE] *= 0.3
+            picture = int(rng.integers(len(self.pictures)))
+            cover = draw(rng, "shape.picture_cover")
+            coarse *= 0.3
+            fine *= 0.3
+        row = np.array([
+            pattern, *first, *second, cell, sharp, coarse, fine, persistence, picture, cover])
         self.materials.append(row)
         return len(self.materials) - 1
 
@@ -270,17 +236,11 @@ class _Builder:
         axes: NDArray[np.float64] | None = None, bump: float = 0.0,
     ) -> None:
         """Add a shape; `axes` are the rows of its own axes."""
-        row = np.zeros(SHAPE_COLUMNS)
-        row[KIND] = kind
-        row[CENTRE:CENTRE + 3] = centre
-        row[AXES:AXES + 9] = (np.eye(3) if axes is None else axes).ravel()
-        row[HALF:HALF + 3] = half
-        row[BOUND] = (
+        bound = (
             max(half) if kind == ELLIPSOID else half[0] + half[2] if kind == CAPSULE
             else math.hypot(*half))
-        row[MATERIAL] = material
-        row[BUMP] = bump
-        self.shapes.append(row)
+        own = np.eye(3) if axes is None else axes
+        self.shapes.append(np.array([kind, *centre, *own.ravel(), *half, bound, material, bump]))
 
     def turned(self, lean: float) -> NDArray[np.float64]:
         """Axes turned about the vertical at random, and tilted by some `lean` rad."""
@@ -329,7 +289,7 @@ class _Builder:
         sun = np.array([draw(rng, "shape.sun_slant"), draw(rng, "shape.sun_slant"), 1.0])
         levels = np.stack([picture_levels(p) for p in self.pictures]) if self.pictures else (
             np.zeros((1, 1, 3), np.float32))
-        shapes = np.array(self.shapes) if self.shapes else np.zeros((0, SHAPE_COLUMNS))
+        shapes = np.array(self.shapes).reshape(-1, SHAPE_COLUMNS)
         ground = np.array([self.pick(), self.pick()])
         cast(
             self.directions, shapes, self.relief, self.hollow, self.extent, self.slope, self.steep,
