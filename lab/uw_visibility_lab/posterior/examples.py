@@ -38,28 +38,16 @@ Row = tuple[Statistics, NDArray[np.float32], bool, bool]
 
 
 class Examples(NamedTuple):
-    """Statistics and truth of N views.
+    """Statistics and truth of N views, float32."""
 
-    Attributes
-    ----------
-    of_bins : (N, 3, BINS, OF_BIN) float32 ndarray
-    of_tiles : (N, 5, TILES, BINS) float32 ndarray
-    of_channels : (N, 3, OF_CHANNEL) float32 ndarray
-    of_image : (N, OF_IMAGE) float32 ndarray
-    truth : (N, 3, 3) float32 ndarray
-        For each channel ln βd̃, ln B/b̂, ln W/b̂: see `network`.
-    other_curve : (N,) bool ndarray
-        Whether the camera's curve is another than the one that is told.
-    lamps : (N,) bool ndarray
-        Whether lamps light the view instead of daylight: veil and light have no truth then.
-    """
-
-    of_bins: NDArray[np.float32]
-    of_tiles: NDArray[np.float32]
-    of_channels: NDArray[np.float32]
-    of_image: NDArray[np.float32]
-    truth: NDArray[np.float32]
+    of_bins: NDArray[np.float32]  # (N, 3, BINS, OF_BIN)
+    of_tiles: NDArray[np.float32]  # (N, 5, TILES, BINS)
+    of_channels: NDArray[np.float32]  # (N, 3, OF_CHANNEL)
+    of_image: NDArray[np.float32]  # (N, OF_IMAGE)
+    truth: NDArray[np.float32]  # (N, 3, 3); ln βd̃, ln B/b̂, ln W/b̂ by channel: see `network`
+    # (N,); whether the camera's curve is another than the one that is told
     other_curve: NDArray[np.bool_]
+    # (N,); whether lamps light the view instead of daylight: veil and light have no truth then
     lamps: NDArray[np.bool_]
 
 

@@ -54,21 +54,14 @@ class LampCase(Case):
 
 @dataclass(frozen=True)
 class Answer:
-    """What an estimator says of a case.
+    """What an estimator says of a case."""
 
-    Attributes
-    ----------
-    status : str
-        ``"ok"`` or why not.
-    log_attenuation, stddev : (3,) float64 ndarray
-        Mean and standard deviation of ln β; NaN where not told.
-    log_distance, distance_stddev : float
-        Of the logarithm of the visibility distance but for a constant: −ln min β.
-    """
-
-    status: str
+    status: str  # ``"ok"`` or why not
+    # log_attenuation, stddev: (3,); mean and standard deviation of ln β; NaN where not told
     log_attenuation: Array
     stddev: Array
+    # log_distance, distance_stddev: of the logarithm of the visibility distance but for a
+    # constant: −ln min β
     log_distance: float = math.nan
     distance_stddev: float = math.nan
 
@@ -85,42 +78,22 @@ Estimator = Callable[[Any], Answer]
 
 @dataclass(frozen=True)
 class Row:
-    """The table's row of one kind of cases; parts are of those told, 0..1.
+    """The table's row of one kind of cases; parts are of those told, 0..1."""
 
-    Attributes
-    ----------
-    cases, told : int
-        Number, and part with a distance.
-    error, distance_error : float
-        Root mean square of the error of ln β (all channels told) and of ln distance.
-    score : float
-        Root mean square of the distance's error over its told deviation: 1 is right.
-    within : tuple of float
-        Part of the distances within 1, 2, 3 deviations.
-    beyond : float
-        Part of the cases with any β or the distance beyond 3 deviations.
-    too_long, too_short : float
-        Part by more than a fifth.
-    low_above : float
-        Part of the intervals (16 to 84 %) whose lower end is above the truth: .16 is right.
-    crps : float
-        Mean continuous ranked probability score of ln distance.
-    milliseconds : float
-        Median time.
-    """
-
-    cases: int
-    told: float
+    cases: int  # number
+    told: float  # part with a distance
+    # error, distance_error: root mean square of the error of ln β (all channels told) and of ln
+    # distance
     error: float
     distance_error: float
-    score: float
-    within: tuple[float, float, float]
-    beyond: float
-    too_long: float
+    score: float  # root mean square of the distance's error over its told deviation: 1 is right
+    within: tuple[float, float, float]  # part of the distances within 1, 2, 3 deviations
+    beyond: float  # part of the cases with any β or the distance beyond 3 deviations
+    too_long: float  # too_long, too_short: part by more than a fifth
     too_short: float
-    low_above: float
-    crps: float
-    milliseconds: float
+    low_above: float  # part of the intervals (16 to 84 %) whose lower end is above the truth
+    crps: float  # mean continuous ranked probability score of ln distance
+    milliseconds: float  # median time
 
 
 def judge(estimator: Estimator, cases: Iterable[Case]) -> Row:

@@ -27,18 +27,10 @@ _STEPS = 1 << 16
 
 @dataclass(frozen=True)
 class Curve:
-    """Transfer from irradiance to code, both 0..1, and beyond 1 as it goes on.
+    """Transfer from irradiance to code, both 0..1, and beyond 1 as it goes on."""
 
-    Attributes
-    ----------
-    kind : str
-        ``linear``, ``srgb``, ``gamma``, ``log`` or ``contrast``.
-    value : float
-        Exponent of a gamma, a of log(1 + a x), strength of an S curve; else 0.
-    """
-
-    kind: str
-    value: float = 0.0
+    kind: str  # ``linear``, ``srgb``, ``gamma``, ``log`` or ``contrast``
+    value: float = 0.0  # exponent of a gamma, a of log(1 + a x), strength of an S curve
 
     @property
     def name(self) -> str:

@@ -63,48 +63,26 @@ class Streams:
 
 @dataclass(frozen=True)
 class View:
-    """What a camera records under water, what is told with it, and the truth.
+    """What a camera records under water, what is told with it, and the truth."""
 
-    Attributes
-    ----------
-    image : (H, W, 3) uint8 or uint16 ndarray
-        RGB code values.
-    ranges : (H, W) float32 ndarray
-        As measured, m along the line of sight; NaN where unknown.
-    range_error : float
-        Told standard deviation of range over its square, 1/m; 0 for exact ranges.
-    transfer : str
-        Told transfer, ``linear`` or ``srgb``.
-    clear_water : (3,) float64 ndarray
-        Told κ, 1/m.
-    attenuation : (3,) float64 ndarray
-        True β, 1/m: the attenuation of surfaces' light; where it varies, that whose e^(−βd) fits
-        the transmission over the ranges in view best.
-    veil, light : (3,) float64 ndarray
-        True B and W, means over the view, in units of the image when linearised as told.
-    depth : float
-        Of the camera, m.
-    open_water : (H, W) bool ndarray
-        Where nothing but water is seen.
-    effects : tuple of str
-        Those of `EFFECTS` that are there.
-    scene, curve : str
-        Names of the scene and of the camera's true curve.
-    """
-
-    image: NDArray[Any]
-    ranges: Map
+    image: NDArray[Any]  # (H, W, 3) uint8 or uint16; RGB code values
+    ranges: Map  # (H, W) float32; as measured, m along the line of sight; NaN where unknown
+    # told standard deviation of range over its square, 1/m; 0 for exact ranges
     range_error: float
-    transfer: str
-    clear_water: Array
+    transfer: str  # told: ``linear`` or ``srgb``
+    clear_water: Array  # (3,); told κ, 1/m
+    # (3,); true β, 1/m, of surfaces' light; where it varies, that whose e^(−βd) fits the
+    # transmission over the ranges in view best
     attenuation: Array
+    # veil, light: (3,); true B and W, means over the view, in units of the image when linearised
+    # as told
     veil: Array
     light: Array
-    depth: float
-    open_water: Mask
-    effects: tuple[str, ...]
-    scene: str
-    curve: str
+    depth: float  # of the camera, m
+    open_water: Mask  # (H, W); where nothing but water is seen
+    effects: tuple[str, ...]  # those of `EFFECTS` that are there
+    scene: str  # its name
+    curve: str  # name of the camera's true curve
 
 
 def draw(
