@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from uw_visibility.config.files import Products, gathered, refuse_inputs, sole_writer
 from uw_visibility.errors import InputError, check_range, needing
 from uw_visibility.replay.progress import progress_bar, say
-from uw_visibility_lab.commands.described import Options, add_described
+from uw_visibility_lab.commands.described import REQUIRED, Options, add_described
 
 if TYPE_CHECKING:
     from uw_visibility.config.schema import PipelineConfig
@@ -100,23 +100,23 @@ QUICK_ATTENUATIONS, QUICK_DEPTHS = (0.0, 0.2), (2.0,)
 QUICK_SURVEY = 12
 NOISES, QUICK_NOISES = ("1", "2", "4", "camera"), ("2",)
 
-OPTIONS: dict[str, Options] = {
-    "": {
-        "--attenuation A ...": (None, "mean attenuations α, 1/m (0 0.1 0.2 0.3)"),
-        "--depth Z ...": (None, "depths z, m (1 2 5)"),
-        "--noise N ...": (
-            None, "noises of the sensor beside none, at one depth: Gaussian of N codes of 255, or "
-            f"camera for shot and read noise; 0 for no other ({' '.join(NOISES)})", str),
-        "--paper": (
-            False, "the grid of section III: α 0 to 0.3 1/m by 0.05, z 0 to 5 m; four times the "
-            "waters"),
-        "--format {png,pdf,svg}": ("png", "of the figures: png, or pdf or svg for print"),
-        "--quick": (
-            False, "a small grid (α 0 and 0.2 1/m, z 2 m, noise of 2 codes)"),
-        "--jobs N": (1, "processes that share the work; each takes up to 1 GB"),
-        "--params-file YAML": (
-            None, "parameters of the pipeline, in the form of config/uw_visibility.yaml", Path),
-    },
+OPTIONS: Options = {
+    "-o --output DIR": (REQUIRED, "new folder for tables and figures", Path),
+    "--force": (False, "replace what an evaluation left there"),
+    "--attenuation A ...": (None, "mean attenuations α, 1/m (0 0.1 0.2 0.3)"),
+    "--depth Z ...": (None, "depths z, m (1 2 5)"),
+    "--noise N ...": (
+        None, "noises of the sensor beside none, at one depth: Gaussian of N codes of 255, or "
+        f"camera for shot and read noise; 0 for no other ({' '.join(NOISES)})", str),
+    "--paper": (
+        False, "the grid of section III: α 0 to 0.3 1/m by 0.05, z 0 to 5 m; four times the "
+        "waters"),
+    "--format {png,pdf,svg}": ("png", "of the figures: png, or pdf or svg for print"),
+    "--quick": (
+        False, "a small grid (α 0 and 0.2 1/m, z 2 m, noise of 2 codes)"),
+    "--jobs N": (1, "processes that share the work; each takes up to 1 GB"),
+    "--params-file YAML": (
+        None, "parameters of the pipeline, in the form of config/uw_visibility.yaml", Path),
     "adverse study": {
         "--adverse": (False, "water and cameras that are not the model's"),
         "--effects NAME ...": ([], "these effects only; an unknown name lists them", str),
@@ -136,18 +136,11 @@ OPTIONS: dict[str, Options] = {
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the sub-command."""
-    add = parser.add_argument
-    add(
+    parser.add_argument(
         "datasets", metavar="DATASET", type=Path, nargs="*",
         help="a scene or a folder of scenes; none for rendered ones",
     )
-    add(
-        "-o", "--output", metavar="DIR", type=Path, required=True,
-        help="new folder for tables and figures",
-    )
-    add("--force", action="store_true", help="replace what an evaluation left there")
-    for title, options in OPTIONS.items():
-        add_described(parser.add_argument_group(title) if title else parser, options)
+    add_described(parser, OPTIONS)
 
 
 Written = tuple[Callable[[Path], object], str]

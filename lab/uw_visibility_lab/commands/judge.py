@@ -79,20 +79,16 @@ OPTIONS: Options = {
         None, "parameters of the pipeline with --matcher, such as stereo.pixel_values", Path),
     "--cases N": (100, "views of each kind"),
     "--seed S": (0, "of the views"),
+    "--each": (False, "a row for every effect alone, too"),
+    "--lamps": (False, "judge the estimator under lamps instead, by nights of --scenes"),
+    "--pictures": (
+        False, "judge enhanced pictures instead, of --pairs and --traced: seams, noise, colour"),
 }
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the sub-command."""
     add_described(parser, OPTIONS)
-    parser.add_argument(
-        "--each", action="store_true", help="a row for every effect alone, too")
-    parser.add_argument(
-        "--lamps", action="store_true",
-        help="judge the estimator under lamps instead, by nights of --scenes")
-    parser.add_argument(
-        "--pictures", action="store_true",
-        help="judge enhanced pictures instead, of --pairs and --traced: seams, noise, colour")
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.replay.progress import say
-from uw_visibility_lab.commands.described import Options, add_described
+from uw_visibility_lab.commands.described import REQUIRED, Options, add_described
 
 HELP = "path-traced scenes under water with their truth"
 DESCRIPTION = """\
@@ -35,6 +35,7 @@ in each folder:
                           surfaces' light with its σ, veil, light, calibration"""
 
 OPTIONS: Options = {
+    "-o --output FOLDER": (REQUIRED, "folder of the scenes' folders", Path),
     "--scenes N": (40, "scenes"),
     "--seed N": (1, "seed of the first; the others' follow"),
     "--kinds KIND,...": ("boulders,reef", "of boulders, reef and poles, in turn"),
@@ -48,9 +49,6 @@ OPTIONS: Options = {
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the sub-command."""
-    parser.add_argument(
-        "-o", "--output", metavar="FOLDER", type=Path, required=True,
-        help="folder of the scenes' folders")
     add_described(parser, OPTIONS)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from uw_visibility.config.files import refuse_inputs
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.replay.progress import say
-from uw_visibility_lab.commands.described import Options, add_described
+from uw_visibility_lab.commands.described import REQUIRED, Options, add_described
 
 HELP = "a posterior of the water, trained on random views"
 DESCRIPTION = """\
@@ -26,6 +26,8 @@ may differ from one processor to another.
 is its `data/daylight_posterior.npz`."""
 
 OPTIONS: Options = {
+    "-o --output NPZ": (REQUIRED, "file for the networks", Path),
+    "--force": (False, "replace networks that are there"),
     "--views N": (50_000, "views to draw; a second a core draws some 30"),
     "--networks N": (3, "networks whose answers are averaged"),
     "--epochs N": (30.0, "times that every view is shown"),
@@ -41,9 +43,6 @@ OPTIONS: Options = {
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the sub-command."""
     parser.add_argument("pool", metavar="POOL", type=Path, help="folder of scenes")
-    parser.add_argument(
-        "-o", "--output", metavar="NPZ", type=Path, required=True, help="file for the networks")
-    parser.add_argument("--force", action="store_true", help="replace networks that are there")
     add_described(parser, OPTIONS)
 
 
