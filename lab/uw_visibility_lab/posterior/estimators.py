@@ -39,12 +39,9 @@ class OnBoard:
         return answer_of(found)
 
 
-class UnderLamps:
-    """The package's estimator by lamps that are told."""
-
-    def __call__(self, case: LampCase) -> Answer:
-        """Estimate the water of a case."""
-        return answer_of(estimate_by_lamps(case))
+def under_lamps(case: LampCase) -> Answer:
+    """Estimate the water of a case by the package's estimator under lamps that are told."""
+    return answer_of(estimate_by_lamps(case))
 
 
 def estimate_by_lamps(case: LampCase) -> WaterEstimate:
