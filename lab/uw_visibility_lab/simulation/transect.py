@@ -79,10 +79,6 @@ class Transect:
             self.camera, self.sensor, self.effects, workers or Workers(), self.camera_effects,
             self.lighting,
         )
-        yield from self.render_by(renderer)
-
-    def render_by(self, renderer: Renderer) -> Iterator[TransectFrame]:
-        """Render the transect's frames in turn by a renderer of its cameras and effects."""
         scene = _reef(self.seed, self.length)
         exposure = self.exposure
         if self.lighting.lamps and exposure is None:
