@@ -106,23 +106,12 @@ def test_the_right_camera_sees_the_left_ones_points_shifted() -> None:
     assert np.nanmedian(left._ranges()) == pytest.approx(np.nanmedian(right._ranges()), rel=0.1)
 
 
-def test_views_and_sizes_that_do_not_exist_are_refused() -> None:
-    pytest.importorskip("mitsuba", reason="needs the lab's extra trace")
-    from uw_visibility_lab.tracer.render import Tracer
-
-    with pytest.raises(InputError, match="above"):
-        Tracer(draw_scene(1, "reef"), 32, 24, "above")
-    with pytest.raises(InputError, match="px"):
-        Tracer(draw_scene(1, "reef"), 4, 24)
-
-
 def test_a_series_is_taken_up_where_it_ended(tmp_path: Path) -> None:
     pytest.importorskip("mitsuba", reason="needs the lab's extra trace")
     pytest.importorskip("pyoidn", reason="needs the lab's extra trace")
-    from uw_visibility_lab.tracer.series import descriptions, render_scene
+    from uw_visibility_lab.tracer.render import render_scene
 
-    [(name, description)] = descriptions(1, 2, ["boulders"])
-    folder = tmp_path / name
+    folder, description = tmp_path / "00002_boulders", draw_scene(2, "boulders")
     assert render_scene(folder, description, (64, 48), 4, stereo=True, threads=1)
     assert not render_scene(folder, description, (64, 48), 4, threads=1)
     left = load(folder)

@@ -63,10 +63,16 @@ def run(arguments: argparse.Namespace) -> None:
     if size is None:
         raise InputError(f"--size is {arguments.size}: give width and height, as in 320x240")
     from uw_visibility_lab.tracer import engine
-    from uw_visibility_lab.tracer.series import descriptions, render_scene
+    from uw_visibility_lab.tracer.render import render_scene
+    from uw_visibility_lab.tracer.scene import draw_scene
 
     kinds = [kind for kind in arguments.kinds.split(",") if kind]
-    scenes = list(descriptions(arguments.scenes, arguments.seed, kinds, arguments.lamps))
+    if not kinds:
+        raise InputError("no kind of scene is given: give one at least, as in --kinds reef")
+    scenes = []
+    for k in range(arguments.scenes):
+        seed, kind = arguments.seed + k, kinds[k % len(kinds)]
+        scenes.append((f"{seed:05d}_{kind}", draw_scene(seed, kind, arguments.lamps)))
     width, height = int(size[1]), int(size[2])
     check_range("--size", (width, height), 16, 8192, "px")
     # Before anything is made: what is missed is said at once.
