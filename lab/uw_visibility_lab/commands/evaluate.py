@@ -219,7 +219,8 @@ def _run_lamps(arguments: argparse.Namespace, progress: Progress) -> Written:
 
     results = run_cases(
         cases.evaluate_lamp_case, plan.cases(), plan.config, arguments.jobs, progress)
-    survey = None if plan.survey is None else run_survey(plan.survey, arguments.jobs, progress)
+    survey = run_survey(
+        plan.survey, plan.config, arguments.jobs, progress) if plan.survey else None
     summary = report.summarise_lamps(results, survey)
 
     def write(folder: Path) -> None:
@@ -233,10 +234,8 @@ def _run_lamps(arguments: argparse.Namespace, progress: Progress) -> Written:
 
 def _lamp_plan(arguments: argparse.Namespace) -> LampPlan:
     from uw_visibility_lab.evaluation.lamps import cases, report
-    from uw_visibility_lab.evaluation.lamps.survey import SurveyPlan
 
     quick = arguments.quick
-    config = read_config(arguments.params_file, {})
     frames = arguments.frames
     if frames is None:
         frames = QUICK_SURVEY if quick else report.FRAMES
@@ -249,8 +248,8 @@ def _lamp_plan(arguments: argparse.Namespace) -> LampPlan:
         surfaces=cases.SURFACES[:1] if quick else cases.SURFACES,
         seeds=seeds,
         matched=arguments.ranges != "true",
-        survey=None if frames == 0 else SurveyPlan(frames, config=config),
-        config=config,
+        survey=frames,
+        config=read_config(arguments.params_file, {}),
     )
 
 

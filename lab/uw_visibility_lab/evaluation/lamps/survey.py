@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.errors import check_range
 from uw_visibility.images.arrays import Array, Map
 from uw_visibility.optics.transfer import to_linear
 from uw_visibility.pipeline.pipeline import Pipeline
@@ -29,7 +26,6 @@ from uw_visibility_lab.evaluation.lamps.ground import GroundCells, ground_cells
 from uw_visibility_lab.evaluation.metrics import colour_difference
 from uw_visibility_lab.evaluation.parallel import Progress, run_all
 from uw_visibility_lab.evaluation.readings import Reading, Truth
-from uw_visibility_lab.evaluation.tables import flat
 from uw_visibility_lab.simulation.camera import Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import RenderedFrame, Renderer
 from uw_visibility_lab.simulation.lamp_light import lamp_array, light_surfaces, scatter
@@ -66,74 +62,45 @@ NEAREST = 0.7
 """Range in m that disparities are searched to."""
 
 
-@dataclass(frozen=True)
-class SurveyPlan:
-    """Plan of a survey."""
+LAMPS = 2
+MEAN_ATTENUATION = 0.15
+"""Attenuation by grey particles, 1/m."""
 
-    frames: int = 100  # number of frames
-    lamps: int = 2  # number of lamps, see `default_rig`
-    mean_attenuation: float = 0.15  # attenuation by grey particles, 1/m
-    surfaces: str = "lambertian"  # see `LampCase`
-    seed: int = 0  # seed of ground and noise
-    # what the pipeline is told beside the lamps
-    config: PipelineConfig = field(default_factory=PipelineConfig)
-
-    def __post_init__(self) -> None:
-        """Refuse a survey of too few frames."""
-        check_range("number of frames of the survey", self.frames, FEWEST_FRAMES, 10_000)
-
-    @property
-    def lighting(self) -> Lighting:
-        """What lights the ground."""
-        return Lighting(
-            default_rig(self.lamps), daylight=False, shaded=self.surfaces == "lambertian")
-
-    def pose(self, index: int) -> Pose:
-        """Return the camera's pose in a frame: to and fro along lines 0.4 m apart."""
-        progress = LINES * index / self.frames
-        line = int(progress)
-        along, forth = progress - line, line % 2 == 0
-        low, high = ALTITUDES
-        rise = 0.5 - 0.5 * math.cos(2.0 * math.pi * index / PERIOD)
-        return Pose(
-            (
-                LENGTH * (along if forth else 1.0 - along),
-                0.2 if line % LINES in (1, 2) else -0.2,
-                low + (high - low) * rise,
-            ),
-            heading=(0.0 if forth else math.pi) + 0.1 * math.sin(0.7 * index),
-            tilt=math.pi / 2 + 0.06 * math.sin(0.9 * index),
-            roll=0.05 * math.sin(0.5 * index + 0.5),
-        )
+LIGHTING = Lighting(default_rig(LAMPS), daylight=False)
 
 
-@dataclass(frozen=True)
-class SurveyFrame:
-    """A frame of a survey, and the ground that it shows."""
-
-    frame: RenderedFrame  # the pair and its truth
-    cells: NDArray[np.int64]  # (H, W); see `ground_cells`
-
-
-def render_survey_frame(index: int, plan: SurveyPlan) -> SurveyFrame:
-    """Render one frame of a survey; all have one exposure."""
-    scene, renderer, exposure = _prepared(plan.seed, plan.mean_attenuation, plan.lighting)
-    pose = plan.pose(index)
-    frame = renderer.render(
-        scene, pose, Water(plan.mean_attenuation, DEPTH, exposure),
-        seed=plan.seed * 1_000_003 + index,
+def pose_of(index: int, frames: int) -> Pose:
+    """Return the camera's pose in a frame of so many: to and fro along lines 0.4 m apart."""
+    progress = LINES * index / frames
+    line = int(progress)
+    along, forth = progress - line, line % 2 == 0
+    low, high = ALTITUDES
+    rise = 0.5 - 0.5 * math.cos(2.0 * math.pi * index / PERIOD)
+    return Pose(
+        (
+            LENGTH * (along if forth else 1.0 - along),
+            0.2 if line % LINES in (1, 2) else -0.2,
+            low + (high - low) * rise,
+        ),
+        heading=(0.0 if forth else math.pi) + 0.1 * math.sin(0.7 * index),
+        tilt=math.pi / 2 + 0.06 * math.sin(0.9 * index),
+        roll=0.05 * math.sin(0.5 * index + 0.5),
     )
-    return SurveyFrame(frame, ground_cells(frame.range_left, CAMERA, pose, LENGTH))
 
 
-@lru_cache(maxsize=2)
-def _prepared(
-    seed: int, mean_attenuation: float, lighting: Lighting
-) -> tuple[Scene, Renderer, float]:
+def render_survey_frame(index: int, frames: int) -> RenderedFrame:
+    """Render one frame of a survey of so many; all have one exposure."""
+    scene, renderer, exposure = _prepared(CAMERA)
+    return renderer.render(
+        scene, pose_of(index, frames), Water(MEAN_ATTENUATION, DEPTH, exposure), seed=index)
+
+
+@lru_cache(maxsize=1)
+def _prepared(camera: StereoCamera) -> tuple[Scene, Renderer, float]:
     """Return ground, renderer, and the exposure that suits the lowest frame."""
-    scene = reef(seed, length=LENGTH, view=12.0)
-    renderer = Renderer(CAMERA, workers=Workers(1), lighting=lighting)
-    water = Water(mean_attenuation, DEPTH)
+    scene = reef(length=LENGTH, view=12.0)
+    renderer = Renderer(camera, workers=Workers(1), lighting=LIGHTING)
+    water = Water(MEAN_ATTENUATION, DEPTH)
     exposure = min(
         renderer.exposure_for(scene, Pose((x, 0.0, ALTITUDES[0]), tilt=math.pi / 2), water)
         for x in np.linspace(0.0, LENGTH, 5).tolist()
@@ -142,24 +109,13 @@ def _prepared(
 
 
 @dataclass(frozen=True)
-class SurveyRow:
-    """What a frame of a survey says of the water, and what all up to it say."""
-
-    truth: Truth  # the water
-    single: Reading  # single, pooled: the frame alone, and the filter over the frames up to it
-    pooled: Reading
-
-    def row(self, index: int) -> dict[str, Any]:
-        """Return the frame as a row of a table."""
-        return flat({
-            "frame": index, "true": self.truth, "single": self.single, "pooled": self.pooled})
-
-
-@dataclass(frozen=True)
 class SurveyResult:
     """Results of a survey."""
 
-    rows: list[SurveyRow]  # by frame
+    truth: Truth  # the water
+    # single, pooled: by frame; of the frame alone, and of the filter over the frames up to it
+    single: list[Reading]
+    pooled: list[Reading]
     # standard deviation over mean of the same ground over the frames, RGB, by the names of
     # `PICTURES`; the truth's is what changes of resolution leave of it
     variation: dict[str, Array]
@@ -176,47 +132,54 @@ class SurveyResult:
 
 
 def run_survey(
-    plan: SurveyPlan, jobs: int = 1, progress: Progress = lambda items, _: items
+    number: int, config: PipelineConfig, jobs: int = 1,
+    progress: Progress = lambda items, _: items,
 ) -> SurveyResult:
-    """Render a survey, process it frame by frame, and compare the ground's colours."""
-    frames = run_all(render_survey_frame, range(plan.frames), (plan,), jobs, progress)
-    rows, ours = _process(plan, frames, progress)
+    """Render a survey of so many frames, process them in turn, and compare the ground's colours.
+
+    config: what the pipeline is told beside the lamps.
+    """
+    frames = run_all(render_survey_frame, range(number), (number,), jobs, progress)
+    config = PipelineConfig.from_parameters({
+        **config.to_parameters(),
+        **lighting_parameters(LIGHTING.lamps, daylight=False),
+        "stereo.max_disparity": int(CAMERA.focal_length * CAMERA.baseline / NEAREST),
+    })
+    single, pooled, ours = _process(config, frames, progress)
     images = {
-        **ours, "oracle": _oracle(plan, frames),
-        "raw": [to_linear(frame.frame.left, "linear") for frame in frames],
-        "truth": [frame.frame.radiance_left for frame in frames]}
+        **ours, "oracle": [_oracle(frame) for frame in frames],
+        "raw": [to_linear(frame.left, "linear") for frame in frames],
+        "truth": [frame.radiance_left for frame in frames]}
     truth = images["truth"]
     scaled = {name: at_best_exposure(some, truth) for name, some in images.items()}
-    ground = GroundCells.of(truth, [frame.cells for frame in frames])
-    first = round(LEARNING * len(frames))
-    later = GroundCells.of(truth[first:], [frame.cells for frame in frames[first:]])
-    shown = sorted({(k * len(frames)) // 3 for k in range(3)})
+    cells = [
+        ground_cells(frame.range_left, CAMERA, pose_of(k, number), LENGTH)
+        for k, frame in enumerate(frames)]
+    ground, first = GroundCells.of(truth, cells), round(LEARNING * number)
+    later = GroundCells.of(truth[first:], cells[first:])
     return SurveyResult(
-        rows,
+        Truth.of_water(
+            frames[0].attenuation, np.zeros(3), clear_water(config), DEPTH,
+            config.assessment.contrast),
+        single,
+        pooled,
         {name: ground.variation(images[name]) for name in PICTURES},
         later.variation(images["online"][first:]),
         {name: mean_difference(scaled[name], truth) for name in PICTURES},
         ground.count,
         ground.views,
-        [{name: scaled[name][k] for name in PICTURES} for k in shown],
+        [{name: scaled[name][k] for name in PICTURES}
+         for k in sorted({(k * number) // 3 for k in range(3)})],
     )
 
 
 def _process(
-    plan: SurveyPlan, frames: Sequence[SurveyFrame], progress: Progress
-) -> tuple[list[SurveyRow], dict[str, list[Map]]]:
+    config: PipelineConfig, frames: Sequence[RenderedFrame], progress: Progress
+) -> tuple[list[Reading], list[Reading], dict[str, list[Map]]]:
     """Let the pipeline and the filter see the frames in turn, then restore them once more."""
-    config = PipelineConfig.from_parameters({
-        **plan.config.to_parameters(),
-        **lighting_parameters(plan.lighting.lamps, daylight=False),
-        "stereo.max_disparity": int(CAMERA.focal_length * CAMERA.baseline / NEAREST),
-    })
-    truth = Truth.of_water(
-        frames[0].frame.attenuation, np.zeros(3), clear_water(config), DEPTH,
-        config.assessment.contrast,
-    )
     pipeline, water_filter = Pipeline(CAMERA.rig, config), WaterFilter(config)
-    rows: list[SurveyRow] = []
+    single: list[Reading] = []
+    pooled: list[Reading] = []
     restored: dict[str, list[Map]] = {"online": [], "ours": []}
 
     def see(frame: RenderedFrame, name: str) -> FrameResult:
@@ -225,35 +188,30 @@ def _process(
         restored[name].append(to_linear(result.left_enhanced, config.camera.transfer))
         return result
 
-    for index, survey_frame in progress(iter(enumerate(frames)), len(frames)):
-        result = see(survey_frame.frame, "online")
-        single = Reading.of_result(result)
+    for index, frame in progress(iter(enumerate(frames)), len(frames)):
+        result = see(frame, "online")
+        single.append(Reading.of_result(result))
         filtered = water_filter.update(result.water, float(index))
-        pooled = single if filtered is None else Reading.of_result(filtered)
-        rows.append(SurveyRow(truth, single, pooled))
+        pooled.append(single[-1] if filtered is None else Reading.of_result(filtered))
     # As for a mosaic: with the light of all frames.
-    for _, survey_frame in progress(iter(enumerate(frames)), len(frames)):
-        see(survey_frame.frame, "ours")
-    return rows, restored
+    for _, frame in progress(iter(enumerate(frames)), len(frames)):
+        see(frame, "ours")
+    return single, pooled, restored
 
 
-def _oracle(plan: SurveyPlan, frames: Sequence[SurveyFrame]) -> list[Map]:
+def _oracle(frame: RenderedFrame) -> Map:
     """Invert the light model by the renderer's own integrals: what no estimate can beat."""
     rays = CAMERA.rig.ray_directions((CAMERA.height, CAMERA.width))
-    lighting, workers = plan.lighting, Workers(1)
-    restored = []
-    for survey_frame in frames:
-        frame = survey_frame.frame
-        lamps, beta = lamp_array(frame.lamps, 0.0), frame.attenuation
-        white = np.ones_like(frame.radiance_left)
-        light = light_surfaces(rays, frame.range_left, white, None, lamps, beta, workers)
-        veil = scatter(
-            rays, frame.range_left, lamps, beta, beta * lighting.scattering_albedo,
-            lighting.phase_function, workers,
-        )
-        seen = to_linear(frame.left, "linear")
-        restored.append(np.maximum((seen - veil) / np.maximum(light, np.float32(1e-6)), 0.0))
-    return restored
+    workers = Workers(1)
+    lamps, beta = lamp_array(frame.lamps, 0.0), frame.attenuation
+    white = np.ones_like(frame.radiance_left)
+    light = light_surfaces(rays, frame.range_left, white, None, lamps, beta, workers)
+    veil = scatter(
+        rays, frame.range_left, lamps, beta, beta * LIGHTING.scattering_albedo,
+        LIGHTING.phase_function, workers,
+    )
+    seen = to_linear(frame.left, "linear")
+    return np.maximum((seen - veil) / np.maximum(light, np.float32(1e-6)), 0.0)
 
 
 def at_best_exposure(images: Sequence[Map], truth: Sequence[Map]) -> list[Map]:
