@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, Map, Mask
+from uw_visibility_lab.simulation.formation import fit_attenuation
 from uw_visibility_lab.worlds import beliefs as believed
 from uw_visibility_lab.worlds.beliefs import count, happens
 from uw_visibility_lab.worlds.beliefs import draw as drawn
@@ -417,7 +418,7 @@ def _transmissions(
     if thicker is not None or water.log_transmission is not None:
         distances, seen = ranges[known], transmission[known]
         step = max(len(distances) // 2000, 1)
-        attenuation = effective_attenuation(distances[::step], seen[::step])
+        attenuation = fit_attenuation(distances[::step], seen[::step])
     return transmission, unveiled, attenuation
 
 
@@ -437,37 +438,6 @@ def _look_up(ranges: Map, path: Array, logarithm: Array) -> Map:
     place = np.full(ranges.shape, _LOOKUP, np.int32)
     place[known] = np.rint(np.sqrt(ranges[known]) * ((_LOOKUP - 1) / math.sqrt(most)))
     return np.asarray(table[place])
-
-
-def effective_attenuation(
-    ranges: NDArray[np.floating], transmission: NDArray[np.floating]
-) -> Array:
-    """Least-squares β of transmissions, Σ (t − e^(−βd))², by Gauss-Newton steps.
-
-    Parameters
-    ----------
-    ranges : (n,) ndarray
-        m.
-    transmission : (n, C) ndarray
-        0..1.
-
-    Returns
-    -------
-    (C,) float64 ndarray
-        1/m.
-    """
-    d = np.asarray(ranges, np.float64)[:, np.newaxis]
-    seen = np.asarray(transmission, np.float64)
-    rate = np.maximum(-np.log(np.maximum(seen, 1e-12)) / d, 1e-9)
-    # Between the least and the largest of the pixels' own.
-    low, high = rate.min(0), rate.max(0)
-    beta = np.median(rate, axis=0)
-    for _ in range(12):
-        model = np.exp(-beta * d)
-        slope = -d * model
-        gain = (slope * (seen - model)).sum(0) / np.maximum((slope * slope).sum(0), 1e-300)
-        beta = np.clip(beta + gain, low, high)
-    return np.asarray(beta)
 
 
 def _light_map(
@@ -583,7 +553,7 @@ def _grey(
     step = max(len(ranges) // 2000, 1)
     some = ranges[::step].astype(np.float64)
     decay = np.exp(-np.outer(some, attenuation)) @ (light / light.sum())
-    mixed = effective_attenuation(some, decay[:, np.newaxis])
+    mixed = fit_attenuation(some, decay[:, np.newaxis])
     grey = irradiance.mean(axis=-1, keepdims=True)
     return (
         np.repeat(grey, 3, axis=-1), np.repeat(mixed, 3),

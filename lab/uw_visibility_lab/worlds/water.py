@@ -20,13 +20,11 @@ from uw_visibility.optics.water_type import (
     daylight_response,
     inherent_properties,
 )
+from uw_visibility_lab.simulation.spectrum import CDOM_WAVELENGTH, PARTICLE_WAVELENGTH
 from uw_visibility_lab.worlds.beliefs import draw, happens
 
 RESPONSES = ("nikon_d5100", "generic", "sigma_sdmerrill")
 """In the order of the belief ``camera.response``."""
-
-CDOM_WAVELENGTH = 440.0
-PARTICLE_WAVELENGTH = 550.0
 
 # Optical paths over which band averages are tabulated; between them their logarithms are nearly
 # straight.
