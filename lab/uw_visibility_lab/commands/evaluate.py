@@ -171,7 +171,7 @@ def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Writt
     _check_figures()
     from uw_visibility_lab.evaluation import mccnn
     from uw_visibility_lab.evaluation.experiments import evaluate
-    from uw_visibility_lab.evaluation.figures.write import write_figures
+    from uw_visibility_lab.evaluation.figures.pictures import write_figures
     from uw_visibility_lab.evaluation.report import summary_text, write_evaluation
     from uw_visibility_lab.evaluation.summary import summarise
 

@@ -120,7 +120,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _estimator(name: str) -> Estimator:
-    from uw_visibility_lab.posterior.estimators import OnBoard
+    from uw_visibility_lab.posterior.judge import OnBoard
 
     return OnBoard(name) if name in ("free", "paper") else OnBoard(weights=Path(name))
 
@@ -217,7 +217,7 @@ _DAYLIGHT = (0.0, 0.02, 0.1, 0.3, 0.6, 0.9)
 
 def _nights(arguments: argparse.Namespace) -> Iterator[_Kind]:
     from uw_visibility_lab.posterior.cases import by_lamps
-    from uw_visibility_lab.posterior.estimators import OnBoard, under_lamps
+    from uw_visibility_lab.posterior.judge import OnBoard, under_lamps
     from uw_visibility_lab.worlds.night import EFFECTS
 
     frames = partial(by_lamps, _scenes("scenes", arguments.scenes), seed=arguments.seed)

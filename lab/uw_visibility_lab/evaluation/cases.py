@@ -39,8 +39,8 @@ from uw_visibility_lab.evaluation.degrade import (
     recover_radiance,
     sensor_of,
 )
+from uw_visibility_lab.evaluation.metrics import Reliability
 from uw_visibility_lab.evaluation.readings import Reader, Reading, Truth
-from uw_visibility_lab.evaluation.reliability import Reliability
 from uw_visibility_lab.evaluation.scenes import SceneSource, search_limit, tolerance
 from uw_visibility_lab.evaluation.tables import flat
 

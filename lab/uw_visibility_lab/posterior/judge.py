@@ -3,7 +3,8 @@
 """One table for any estimator of water: what it tells, how far off it is, how well it knows.
 
 A case is an image with ranges and, but for frames of the sea, its true attenuation. Each kind of
-case is a row, so that no figure stands for a world it was not measured in.
+case is a row, so that no figure stands for a world it was not measured in. The package's own
+estimators, by day and under lamps, are among those that are judged.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,9 +21,18 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from uw_visibility.config.lighting import LightingConfig
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.config.water import WaterConfig
 from uw_visibility.images.arrays import Array
+from uw_visibility.images.view import View
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.status import Status
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.daylight import network
+from uw_visibility.water.daylight.estimation import WaterEstimator
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.lamps.estimation import LampEstimator
+from uw_visibility.water.meaning.assessment import Assessor
 
 # A distance that is longer than the true one by this factor is too long, and so for too short.
 FACTOR = 1.2
@@ -29,6 +40,8 @@ FACTOR = 1.2
 WIDEST_INTERVAL = 2.5
 # Contrast that an observer distinguishes (eq. 11).
 CONTRAST = 0.05
+# Of each channel, where no distance is told.
+NOTHING = np.full(3, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,3 +210,48 @@ def describe(answer: Answer) -> str:
     middle = visibility_distance(1.0, CONTRAST) * math.exp(answer.log_distance)
     low, high = (middle * math.exp(k * answer.distance_stddev) for k in (-1.0, 1.0))
     return f"{middle:6.1f} ({low:.1f} to {high:.1f}){'' if answer.told else ', ' + answer.status}"
+
+
+class OnBoard:
+    """The package's estimator; with other networks where they are given."""
+
+    def __init__(self, veil: str = "free", weights: Path | None = None) -> None:
+        self._config = WaterConfig(veil=veil)
+        self._daylight = Assessor.from_config(PipelineConfig()).daylight
+        self._network = None if weights is None else network.load(weights)
+
+    def __call__(self, case: Case) -> Answer:
+        """Estimate the water of a case."""
+        estimator = WaterEstimator(
+            self._config, case.clear_water, case.transfer, self._daylight, self._network)
+        found = estimator.estimate(case.image, case.ranges, range_error=case.range_error)
+        return answer_of(found)
+
+
+def under_lamps(case: LampCase) -> Answer:
+    """Estimate the water of a case by the package's estimator under lamps that are told."""
+    return answer_of(estimate_by_lamps(case))
+
+
+def estimate_by_lamps(case: LampCase) -> WaterEstimate:
+    """Estimate the water of a case by the lamps that are told."""
+    height, width = case.image.shape[:2]
+    rig = StereoRig(case.focal_length, 1.0, (0.5 * (width - 1), 0.5 * (height - 1)))
+    estimator = LampEstimator(WaterConfig(), case.lighting, case.clear_water, rig.rays_at)
+    return estimator.estimate_view(
+        View.of(case.image, case.transfer), case.ranges, range_error=case.range_error)
+
+
+def answer_of(found: WaterEstimate) -> Answer:
+    """What an estimate says of a case."""
+    attenuation, stddev = found.attenuation, found.attenuation_stddev
+    # As the assessment does: a distance needs every channel that has light.
+    if not np.isfinite(attenuation).any() or found.refused_in_light.any():
+        return Answer(found.status.value, NOTHING, NOTHING)
+    best = int(np.nanargmin(attenuation))
+    distance, width = -math.log(attenuation[best]), float(stddev[best] / attenuation[best])
+    if found.clearest is not None:
+        low, distance, high = (float(value) for value in found.clearest)
+        width = 0.5 * (high - low)
+    return Answer(
+        found.status.value, np.log(attenuation), stddev / attenuation, distance, width)

@@ -29,8 +29,7 @@ from uw_visibility.water.lamps.nodes import Nodes
 from uw_visibility.water.lamps.posterior import FITTED, Fitted, infer
 from uw_visibility_lab.evaluation.lamps.cases import CAMERA, DEPTH, pose_of
 from uw_visibility_lab.posterior.cases import by_lamps, usual_clear_water
-from uw_visibility_lab.posterior.estimators import estimate_by_lamps
-from uw_visibility_lab.posterior.judge import LampCase
+from uw_visibility_lab.posterior.judge import LampCase, estimate_by_lamps
 from uw_visibility_lab.simulation.frame import Renderer
 from uw_visibility_lab.simulation.lamps import Lighting, default_rig, lighting_parameters
 from uw_visibility_lab.simulation.scene import reef

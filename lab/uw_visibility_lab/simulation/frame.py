@@ -16,7 +16,7 @@ from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility_lab.simulation.camera import CameraEffects, Pose, Sensor, StereoCamera
 from uw_visibility_lab.simulation.effects import add_caustics, drifting_particles, marine_snow
 from uw_visibility_lab.simulation.formation import Geometry, effective_attenuation, form_image
-from uw_visibility_lab.simulation.lamp_image import (
+from uw_visibility_lab.simulation.lamp_light import (
     CameraView,
     add_lit_snow,
     check_water,

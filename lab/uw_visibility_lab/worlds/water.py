@@ -20,7 +20,7 @@ from uw_visibility.optics.water_type import (
     daylight_response,
     inherent_properties,
 )
-from uw_visibility_lab.simulation.spectrum import CDOM_WAVELENGTH, PARTICLE_WAVELENGTH
+from uw_visibility_lab.simulation.water import CDOM_WAVELENGTH, PARTICLE_WAVELENGTH
 from uw_visibility_lab.worlds.beliefs import draw, happens
 
 RESPONSES = ("nikon_d5100", "generic", "sigma_sdmerrill")

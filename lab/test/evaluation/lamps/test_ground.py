@@ -9,8 +9,13 @@ import math
 import numpy as np
 import pytest
 
-from uw_visibility_lab.evaluation.lamps.ground import CELL, HALF_WIDTH, GroundCells, ground_cells
-from uw_visibility_lab.evaluation.lamps.survey import pose_of
+from uw_visibility_lab.evaluation.lamps.survey import (
+    CELL,
+    HALF_WIDTH,
+    GroundCells,
+    ground_cells,
+    pose_of,
+)
 from uw_visibility_lab.simulation.camera import NOISELESS, Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import Renderer
 from uw_visibility_lab.simulation.scene import flat_floor
