@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from uw_visibility.errors import InputError
+from uw_visibility_lab.simulation.shapes import NOWHERE
 from uw_visibility_lab.worlds.geometry import (
     LEVELS,
-    NOWHERE,
     TEXTURE,
     meet_ground,
     nearest_shape,

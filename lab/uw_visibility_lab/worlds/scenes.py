@@ -27,14 +27,19 @@ from uw_visibility_lab.evaluation.degrade import (
 )
 from uw_visibility_lab.evaluation.parallel import run_all
 from uw_visibility_lab.simulation.noise import noise_lattice
-from uw_visibility_lab.worlds.beliefs import count, draw, happens
-from uw_visibility_lab.worlds.geometry import (
+from uw_visibility_lab.simulation.shapes import (
     BOX,
     CAPSULE,
-    CHECKED,
     ELLIPSOID,
-    MIXED,
     SHAPE_COLUMNS,
+    Vector,
+    axes_along,
+    shape_row,
+)
+from uw_visibility_lab.worlds.beliefs import count, draw, happens
+from uw_visibility_lab.worlds.geometry import (
+    CHECKED,
+    MIXED,
     STRIPED,
     TEXTURE,
     cast,
@@ -44,9 +49,6 @@ from uw_visibility_lab.worlds.geometry import (
 
 SIZE = (240, 320)
 """Rows and columns of a scene."""
-
-# Three numbers.
-Vector = Sequence[float] | NDArray[np.float64]
 
 NATURAL = ("sand", "rock", "rock", "algae", "coral", "coral", "silt")
 """Kinds of materials of natural things; those named twice are twice as frequent."""
@@ -235,12 +237,8 @@ class _Builder:
         self, kind: int, centre: Vector, half: Vector, material: int,
         axes: NDArray[np.float64] | None = None, bump: float = 0.0,
     ) -> None:
-        """Add a shape; `axes` are the rows of its own axes."""
-        bound = (
-            max(half) if kind == ELLIPSOID else half[0] + half[2] if kind == CAPSULE
-            else math.hypot(*half))
-        own = np.eye(3) if axes is None else axes
-        self.shapes.append(np.array([kind, *centre, *own.ravel(), *half, bound, material, bump]))
+        """Add a shape; see `shape_row`."""
+        self.shapes.append(shape_row(kind, centre, half, axes, material, bump))
 
     def turned(self, lean: float) -> NDArray[np.float64]:
         """Axes turned about the vertical at random, and tilted by some `lean` rad."""
@@ -368,7 +366,7 @@ class _Builder:
             form = draw(rng, "shape.coral_form")
             if form == BRANCHED:
                 for _ in range(count(rng, "shape.coral_branches")):
-                    axes = _along(
+                    axes = axes_along(
                         draw(rng, "shape.coral_lean"), draw(rng, "shape.coral_lean"), 1.0)
                     long = r * draw(rng, "shape.coral_length")
                     thin = r * draw(rng, "shape.coral_width")
@@ -388,7 +386,7 @@ class _Builder:
         for _ in range(count(rng, "shape.pipes")):
             x, y, z = self.place()
             turn, r = rng.uniform(0.0, math.pi), draw(rng, "shape.pipe_radius")
-            axes = _along(math.cos(turn), math.sin(turn), draw(rng, "shape.pipe_slope"))
+            axes = axes_along(math.cos(turn), math.sin(turn), draw(rng, "shape.pipe_slope"))
             if z + 2.0 * r < 0.8:
                 self.add(CAPSULE, (x, y, z + 0.7 * r), (r, r, 20.0), material, axes)
 
@@ -413,7 +411,7 @@ class _Builder:
             x, y, z = self.place()
             r = draw(rng, "shape.pole_radius")
             if math.hypot(x, y) > 0.4 + 2.0 * r:
-                axes = _along(draw(rng, "shape.pole_lean"), draw(rng, "shape.pole_lean"), 1.0)
+                axes = axes_along(draw(rng, "shape.pole_lean"), draw(rng, "shape.pole_lean"), 1.0)
                 tall = draw(rng, "shape.pole_half")
                 self.add(CAPSULE, (x, y, z + 1.0), (r, r, tall), material, axes)
 
@@ -499,15 +497,6 @@ def _add_rubble(
         higher = inside & (top > relief[place])
         relief[place] = np.where(higher, top, relief[place])
         tint[place] = np.where(higher, bright, tint[place])
-
-
-def _along(x: float, y: float, z: float) -> NDArray[np.float64]:
-    """Axes (rows) whose third one points along a direction."""
-    third = np.array([x, y, z]) / math.sqrt(x * x + y * y + z * z)
-    other = np.array([1.0, 0.0, 0.0]) if abs(third[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
-    first = np.cross(other, third)
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(third, first), third])
 
 
 def _directions(
