@@ -32,7 +32,6 @@ arrival of the last message of their result."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
     add_described(parser, {
         "-o --output DIR": (Path("demo"), "folder for the results", Path),
         "--force": (False, "replace the results of an earlier demonstration"),
@@ -42,7 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command; exit with code 1 if the node ends before its time."""
+    """Exit with code 1 if the node ends before its time."""
     from uw_visibility_lab.simulation.transect import Transect
 
     transect = Transect(frames=arguments.frames, rate=arguments.rate, seed=arguments.seed)

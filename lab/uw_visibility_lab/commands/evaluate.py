@@ -135,7 +135,6 @@ OPTIONS: Options = {
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
     parser.add_argument(
         "datasets", metavar="DATASET", type=Path, nargs="*",
         help="a scene or a folder of scenes; none for rendered ones",
@@ -148,7 +147,6 @@ Written = tuple[Callable[[Path], object], str]
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command."""
     check_range("--jobs", arguments.jobs, 1, MOST_JOBS)
     _refuse_folder(arguments)
     if arguments.adverse and arguments.lamps:

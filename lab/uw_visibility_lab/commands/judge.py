@@ -87,12 +87,10 @@ OPTIONS: Options = {
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
     add_described(parser, OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command."""
     check_range("--cases", arguments.cases, 1, 1_000_000)
     if arguments.pictures:
         _judge_pictures(arguments)

@@ -48,12 +48,10 @@ OPTIONS: Options = {
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
     add_described(parser, OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command."""
     check_range("--scenes", arguments.scenes, 1, 100000)
     check_range("--seed", arguments.seed, 0, 1 << 24)
     check_range("--samples", arguments.samples, 1, 1 << 16)

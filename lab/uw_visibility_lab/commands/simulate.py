@@ -172,12 +172,10 @@ OPTIONS: Options = {
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
     add_described(parser, OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command."""
     from uw_visibility.compute.threads import Workers
     from uw_visibility.replay.progress import progress_bar
     from uw_visibility_lab.simulation.bag import write_transect

@@ -41,13 +41,11 @@ OPTIONS: Options = {
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
     parser.add_argument("pool", metavar="POOL", type=Path, help="folder of scenes")
     add_described(parser, OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command."""
     check_range("--views", arguments.views, 500, 10_000_000)
     check_range("--networks", arguments.networks, 1, 16)
     check_range("--epochs", arguments.epochs, 0.1, 1000.0)

@@ -50,7 +50,6 @@ class Plan:
     noises: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Validate the waters and sort the grid."""
         for name, unit, largest in (
             ("attenuations", "1/m", LARGEST_ATTENUATION), ("depths", "m", LARGEST_DEPTH),
         ):

@@ -36,7 +36,6 @@ class StereoCamera:
     baseline: float = 0.12  # distance of the right camera from the left one in m
 
     def __post_init__(self) -> None:
-        """Validate size, focal length and baseline."""
         if not 8 <= min(self.width, self.height) <= max(self.width, self.height) <= LARGEST_SIDE:
             raise InputError(
                 f"image size is {self.width}x{self.height}: give from 8x8 up to "
@@ -85,7 +84,6 @@ class Sensor:
     read_noise: float = 20.0  # standard deviation of reading a pixel in electrons
 
     def __post_init__(self) -> None:
-        """Validate full well and read noise."""
         if not self.full_well > 0.0:
             raise InputError(f"full well is {self.full_well:g} electrons: give more than zero")
         check_range("read noise", self.read_noise, 0.0, unit="electrons")
@@ -132,7 +130,6 @@ class CameraEffects:
     jpeg: int = 0  # quality of JPEG compression, 1 .. 100; 0 leaves it out
 
     def __post_init__(self) -> None:
-        """Validate the effects."""
         if self.transfer not in ("linear", "srgb"):
             raise InputError(f"transfer is {self.transfer!r}: give linear or srgb")
         check_range("gains of white balance", self.white_balance, 0.0, 10.0, above=True)

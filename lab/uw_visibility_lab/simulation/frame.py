@@ -38,7 +38,6 @@ class Effects:
     snow_brightness: float = 1.0  # radiance of the particles, where open water's is 1
 
     def __post_init__(self) -> None:
-        """Refuse shares that are none."""
         check_range("share of marine snow", self.marine_snow, 0.0, 0.5)
         check_range("strength of caustics", self.caustics, 0.0, 1.0)
         check_range("brightness of marine snow", self.snow_brightness, 0.0, 20.0)

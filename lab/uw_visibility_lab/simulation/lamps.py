@@ -59,7 +59,6 @@ class Lamp:
     power: Triple = (POWER, POWER, POWER)
 
     def __post_init__(self) -> None:
-        """Validate the lamp."""
         if not np.isfinite(self.position).all():
             raise InputError(f"position of a lamp is {_listed(self.position)} m: give numbers")
         if not (np.isfinite(self.direction).all() and np.linalg.norm(self.direction) > 1e-9):
@@ -109,7 +108,6 @@ class Lighting:
     jitter: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validate the lighting."""
         check_range("number of lamps", len(self.lamps), 0, MOST_LAMPS)
         if not self.lamps and not self.daylight:
             raise InputError("there is neither daylight nor a lamp: give lamps for a night")

@@ -59,7 +59,6 @@ class Transect:
     lighting: Lighting = Lighting()
 
     def __post_init__(self) -> None:
-        """Validate the plan."""
         check_range("number of frames", self.frames, 1, MOST_FRAMES)
         check_range("rate", self.rate, 1e-3, 1000.0, "Hz")
         check_range("speed", self.speed, 0.0, 10.0, "m/s")

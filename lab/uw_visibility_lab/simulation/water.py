@@ -151,7 +151,6 @@ class WaterEffects:
     light_gradient: float = 0.0  # relative change of the light on the scene from left to right
 
     def __post_init__(self) -> None:
-        """Validate the effects."""
         for name, largest, unit in (
             ("particle_slope", 4.0, ""), ("cdom", 10.0, "1/m"), ("blur", 20.0, "px/m"),
             ("layer", 10.0, "1/m"), ("plume", 10.0, "1/m"), ("plume_share", 1.0, ""),
@@ -189,7 +188,6 @@ class Water:
     effects: WaterEffects = WaterEffects()  # how it departs from the paper's
 
     def __post_init__(self) -> None:
-        """Validate attenuation, depth and exposure."""
         check_range("mean attenuation", self.mean_attenuation, 0.0, unit="1/m")
         check_range("depth, positive down,", self.depth, 0.0, unit="m")
         if self.exposure is not None:

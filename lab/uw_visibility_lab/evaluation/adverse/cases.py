@@ -67,7 +67,6 @@ class AdversePlan:
     config: PipelineConfig = field(default_factory=PipelineConfig)  # what the estimators are told
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be simulated."""
         check_range("number of seeds", self.seeds, 1)
         check_range("attenuations", self.attenuations, 0.0, 5.0, "1/m")
         check_range("depths", self.depths, 0.0, 100.0, "m")

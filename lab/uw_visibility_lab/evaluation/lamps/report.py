@@ -66,7 +66,6 @@ class LampPlan:
     config: PipelineConfig = field(default_factory=PipelineConfig)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be rendered."""
         check_range("number of seeds", self.seeds, 1)
         check_range("attenuations", self.attenuations, 0.0, 5.0, "1/m")
         if self.survey:
