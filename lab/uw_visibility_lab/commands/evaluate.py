@@ -16,8 +16,6 @@ from uw_visibility_lab.commands.described import REQUIRED, Options, add_describe
 
 if TYPE_CHECKING:
     from uw_visibility.config.schema import PipelineConfig
-    from uw_visibility_lab.evaluation.experiments import Plan
-    from uw_visibility_lab.evaluation.lamps.report import LampPlan
     from uw_visibility_lab.evaluation.parallel import Progress
 
 # Each takes up to 1 GB.
@@ -164,16 +162,31 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Written:
-    # Compiled modules load slowly; what is refused before needs none of them.
-    plan = _plan(arguments)
+    from uw_visibility_lab.evaluation import experiments
+    from uw_visibility_lab.evaluation.scenes import find_scenes
+
+    quick = arguments.quick
+    if quick and arguments.paper:
+        raise InputError("--paper and --quick are two grids: give one of them")
+    attenuations, depths = (
+        (experiments.PAPER_ATTENUATIONS, experiments.PAPER_DEPTHS) if arguments.paper
+        else (QUICK_ATTENUATIONS, QUICK_DEPTHS) if quick
+        else (experiments.ATTENUATIONS, experiments.DEPTHS))
+    plan = experiments.Plan(
+        scenes=find_scenes(arguments.datasets),
+        attenuations=tuple(arguments.attenuation or attenuations),
+        depths=tuple(arguments.depth or depths),
+        # Veil and light are one in the paper's experiments.
+        config=read_config(arguments.params_file, {"water.veil": "paper"}),
+        noises=tuple(arguments.noise or (QUICK_NOISES if quick else NOISES)),
+    )
     _check_figures()
     from uw_visibility_lab.evaluation import mccnn
-    from uw_visibility_lab.evaluation.experiments import evaluate
     from uw_visibility_lab.evaluation.figures.pictures import write_figures
     from uw_visibility_lab.evaluation.report import summary_text, write_evaluation
     from uw_visibility_lab.evaluation.summary import summarise
 
-    evaluation = evaluate(plan, arguments.jobs, progress)
+    evaluation = experiments.evaluate(plan, arguments.jobs, progress)
     summary = summarise(evaluation)
 
     def write(folder: Path) -> None:
@@ -209,10 +222,25 @@ def _run_adverse(arguments: argparse.Namespace, progress: Progress) -> Written:
 def _run_lamps(arguments: argparse.Namespace, progress: Progress) -> Written:
     if arguments.datasets:
         raise InputError("--lamps renders its own scenes: leave out the DATASET")
-    plan = _lamp_plan(arguments)
-    _check_figures()
-    from uw_visibility_lab.evaluation.lamps import cases, figures, report
+    from uw_visibility_lab.evaluation.lamps import cases, report
     from uw_visibility_lab.evaluation.lamps.survey import run_survey
+
+    quick, frames, seeds = arguments.quick, arguments.frames, arguments.seeds
+    if frames is None:
+        frames = QUICK_SURVEY if quick else report.FRAMES
+    if seeds is None:
+        seeds = 1 if quick else report.SEEDS
+    plan = report.LampPlan(
+        attenuations=tuple(
+            arguments.attenuation or (QUICK_ATTENUATIONS[1:] if quick else report.ATTENUATIONS)),
+        surfaces=cases.SURFACES[:1] if quick else cases.SURFACES,
+        seeds=seeds,
+        matched=arguments.ranges != "true",
+        survey=frames,
+        config=read_config(arguments.params_file, {}),
+    )
+    _check_figures()
+    from uw_visibility_lab.evaluation.lamps import figures
     from uw_visibility_lab.evaluation.parallel import run_cases
 
     results = run_cases(
@@ -228,48 +256,6 @@ def _run_lamps(arguments: argparse.Namespace, progress: Progress) -> Written:
             figures.draw_survey(folder / "survey.png", survey)
 
     return write, report.lamps_text(summary)
-
-
-def _lamp_plan(arguments: argparse.Namespace) -> LampPlan:
-    from uw_visibility_lab.evaluation.lamps import cases, report
-
-    quick = arguments.quick
-    frames = arguments.frames
-    if frames is None:
-        frames = QUICK_SURVEY if quick else report.FRAMES
-    seeds = arguments.seeds
-    if seeds is None:
-        seeds = 1 if quick else report.SEEDS
-    return report.LampPlan(
-        attenuations=tuple(
-            arguments.attenuation or (QUICK_ATTENUATIONS[1:] if quick else report.ATTENUATIONS)),
-        surfaces=cases.SURFACES[:1] if quick else cases.SURFACES,
-        seeds=seeds,
-        matched=arguments.ranges != "true",
-        survey=frames,
-        config=read_config(arguments.params_file, {}),
-    )
-
-
-def _plan(arguments: argparse.Namespace) -> Plan:
-    from uw_visibility_lab.evaluation import experiments
-    from uw_visibility_lab.evaluation.scenes import find_scenes
-
-    quick = arguments.quick
-    if quick and arguments.paper:
-        raise InputError("--paper and --quick are two grids: give one of them")
-    attenuations, depths = (
-        (experiments.PAPER_ATTENUATIONS, experiments.PAPER_DEPTHS) if arguments.paper
-        else (experiments.ATTENUATIONS, experiments.DEPTHS))
-    return experiments.Plan(
-        scenes=find_scenes(arguments.datasets),
-        attenuations=tuple(
-            arguments.attenuation or (QUICK_ATTENUATIONS if quick else attenuations)),
-        depths=tuple(arguments.depth or (QUICK_DEPTHS if quick else depths)),
-        # Veil and light are one in the paper's experiments.
-        config=read_config(arguments.params_file, {"water.veil": "paper"}),
-        noises=tuple(arguments.noise or (QUICK_NOISES if quick else NOISES)),
-    )
 
 
 def read_config(path: Path | None, defaults: dict[str, Any]) -> PipelineConfig:

@@ -46,11 +46,6 @@ def colour_difference(first: NDArray[np.generic], second: NDArray[np.generic]) -
     return np.asarray(np.linalg.norm(lab(first) - lab(second), axis=-1))
 
 
-def mean_colour_difference(first: NDArray[np.generic], second: NDArray[np.generic]) -> float:
-    """Mean of `colour_difference` over the image."""
-    return float(colour_difference(first, second).mean())
-
-
 def matched_fraction(disparity: DisparityMap) -> float:
     """Share of all pixels that have a disparity; what is missing to 1 is unmatched."""
     return float(np.isfinite(disparity).mean())

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from uw_visibility.config.files import write_whole
 from uw_visibility.errors import InputError
 from uw_visibility.images.view import View as CameraView
-from uw_visibility.water.blocks import BLOCKS_KEPT, reduce_to_blocks, stacked, thinned
+from uw_visibility.water.blocks import BLOCKS_KEPT, Blocks, reduce_to_blocks, stacked, thinned
 from uw_visibility.water.daylight.statistics import (
     BINS,
     OF_BIN,
@@ -51,22 +51,23 @@ class Examples(NamedTuple):
     lamps: NDArray[np.bool_]
 
 
-def statistics_of(view: View) -> Statistics | None:
-    """Statistics of a drawn view, as the estimator takes them."""
+def blocks_of(view: View) -> Blocks:
+    """Blocks of a drawn view, as the estimator takes them."""
     samples = CameraView.of(view.image, view.transfer).colour
     assert samples is not None
-    return summarise(
-        reduce_to_blocks(samples, view.ranges, None), view.range_error, view.clear_water)
+    return reduce_to_blocks(samples, view.ranges, None)
+
+
+def statistics_of(view: View) -> Statistics | None:
+    """Statistics of a drawn view, as the estimator takes them."""
+    return summarise(blocks_of(view), view.range_error, view.clear_water)
 
 
 def statistics_of_survey(rng: np.random.Generator, views: Sequence[View]) -> Statistics | None:
     """Statistics of frames as those of one image, at the exposure of the first."""
-    blocks = []
-    for view in views:
-        samples = CameraView.of(view.image, view.transfer).colour
-        assert samples is not None
-        gain = views[0].light / view.light * belief(rng, "survey.gain_error")
-        blocks.append((thinned(reduce_to_blocks(samples, view.ranges, None), BLOCKS_KEPT), gain))
+    blocks = [
+        (thinned(blocks_of(view), BLOCKS_KEPT),
+         views[0].light / view.light * belief(rng, "survey.gain_error")) for view in views]
     return summarise(stacked(blocks), views[0].range_error, views[0].clear_water)
 
 

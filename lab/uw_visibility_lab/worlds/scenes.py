@@ -452,9 +452,7 @@ _BRIGHTEST = 0.95
 _SHARPNESS = 0.45
 
 
-@lru_cache(maxsize=_LATTICES)
-def _lattice(seed: int) -> NDArray[np.float32]:
-    return noise_lattice(seed)
+_lattice = lru_cache(maxsize=_LATTICES)(noise_lattice)
 
 
 def _step(x: NDArray[np.float64]) -> NDArray[np.float64]:
