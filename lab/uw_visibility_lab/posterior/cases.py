@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Array
-from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility_lab.evaluation.lamps.cases import clear_water
 from uw_visibility_lab.posterior.judge import Case, LampCase
 from uw_visibility_lab.tracer.files import TRUTH
 from uw_visibility_lab.tracer.files import load as load_traced
@@ -62,7 +61,7 @@ def traced(folder: Path, seed: int = 0) -> Iterator[Case]:
         noise = np.random.default_rng((seed, index)).normal(0.0, 1.0, scene.image.shape)
         codes = np.clip(np.rint(scene.image * 255.0 + noise), 0, 255).astype(np.uint8)
         yield Case(
-            codes, scene.ranges.astype(np.float32), 0.0, "linear", usual_clear_water(),
+            codes, scene.ranges.astype(np.float32), 0.0, "linear", clear_water(PipelineConfig()),
             scene.attenuation, place.name)
 
 
@@ -92,18 +91,13 @@ def sea(folder: Path, transfer: str = "linear") -> Iterator[Case]:
             raise InputError(f"{path} or its depth cannot be read: give PNG files")
         yield Case(
             np.ascontiguousarray(image[..., ::-1]), _along_the_ray(z.astype(np.float32) / 1000.0),
-            0.0, transfer, usual_clear_water(), None, path.stem)
+            0.0, transfer, clear_water(PipelineConfig()), None, path.stem)
 
 
 def halves(case: Case) -> tuple[Case, Case]:
     """Return the left and the right half of a case, which show the same water."""
     middle = case.image.shape[1] // 2
     return _part(case, slice(None, middle), "left"), _part(case, slice(middle, None), "right")
-
-
-def usual_clear_water() -> Array:
-    """(3,): κ of the default camera, 1/m."""
-    return clear_water_attenuation(load_response(PipelineConfig().camera.response))
 
 
 def _part(case: Case, columns: slice, name: str) -> Case:

@@ -167,7 +167,7 @@ class CameraEffects:
             image = np.clip(np.rint(codes), 0, 255).astype(np.uint8)
         else:
             image = np.asarray(from_linear(codes / 255.0, self.transfer, np.uint8), np.uint8)
-        return _compress(image, self.jpeg) if self.jpeg else image
+        return compress(image, self.jpeg) if self.jpeg else image
 
 
 def lens_falloff(shape: tuple[int, ...], loss: float) -> Map:
@@ -188,7 +188,8 @@ def interpolate_mosaic(codes: Map) -> Map:
     return cv2.cvtColor(sensed, cv2.COLOR_BayerBG2RGB).astype(np.float32) / np.float32(256.0)
 
 
-def _compress(image: Image8, quality: int) -> Image8:
+def compress(image: Image8, quality: int) -> Image8:
+    """Return an RGB image as JPEG of a quality, 1 .. 100, leaves it."""
     _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
     return np.asarray(decoded[..., ::-1], dtype=np.uint8, order="C")

@@ -15,6 +15,7 @@ import numpy as np
 from uw_visibility.config.files import write_whole
 from uw_visibility.errors import InputError, refusing
 from uw_visibility.images.arrays import Array
+from uw_visibility.optics.transfer import from_linear
 from uw_visibility_lab.tracer.scene import Description
 from uw_visibility_lab.tracer.truth import (
     Decay,
@@ -113,9 +114,8 @@ def write_view(folder: Path, view: str, arrays: dict[str, Array]) -> None:
     """
     image = np.clip(arrays["image"], 0.0, 1.0)
     codes = np.round(image[..., ::-1] * FULL).astype(np.uint16)
-    shown = np.where(image <= 0.0031308, 12.92 * image, 1.055 * image ** (1 / 2.4) - 0.055)
-    for name, pixels in ((f"{view}.png", codes),
-                         (f"{view}_srgb.png", np.round(shown[..., ::-1] * 255).astype(np.uint8))):
+    shown = from_linear(image[..., ::-1], "srgb", np.uint8)
+    for name, pixels in ((f"{view}.png", codes), (f"{view}_srgb.png", shown)):
         made, data = cv2.imencode(".png", pixels)
         if not made:
             raise InputError(f"{folder / name}: OpenCV cannot write it")
