@@ -79,7 +79,7 @@ def traced_scenes(folder: Path) -> list[Path]:
     return found
 
 
-def sea(folder: Path, transfer: str = "linear") -> Iterator[Case]:
+def sea(folder: Path) -> Iterator[Case]:
     """Frames of FLSea with their ranges; their water is not known."""
     frames = sorted(folder.glob("[0-9][0-9][0-9][0-9].png"))
     if not frames:
@@ -91,7 +91,7 @@ def sea(folder: Path, transfer: str = "linear") -> Iterator[Case]:
             raise InputError(f"{path} or its depth cannot be read: give PNG files")
         yield Case(
             np.ascontiguousarray(image[..., ::-1]), _along_the_ray(z.astype(np.float32) / 1000.0),
-            0.0, transfer, clear_water(PipelineConfig()), None, path.stem)
+            0.0, "linear", clear_water(PipelineConfig()), None, path.stem)
 
 
 def halves(case: Case) -> tuple[Case, Case]:

@@ -141,7 +141,7 @@ def judge(estimator: Estimator, cases: Iterable[Case]) -> Row:
         milliseconds=float(np.median(times)))
 
 
-def flips(estimator: Estimator, cases: Sequence[Case], seed: int = 0) -> tuple[float, float]:
+def flips(estimator: Estimator, cases: Sequence[Case]) -> tuple[float, float]:
     """What changes when nothing that matters does: ± 1 code, a row and column cut off, mirrored.
 
     Returns
@@ -154,7 +154,7 @@ def flips(estimator: Estimator, cases: Sequence[Case], seed: int = 0) -> tuple[f
     changed, moves = [], []
     for index, case in enumerate(cases):
         first = estimator(case)
-        rng = np.random.default_rng((seed, index))
+        rng = np.random.default_rng((0, index))
         top = np.iinfo(case.image.dtype).max
         noise = rng.integers(-1, 2, case.image.shape) * (1 if top == 255 else 257)
         noisy = np.clip(case.image.astype(np.int64) + noise, 0, top).astype(case.image.dtype)

@@ -116,11 +116,12 @@ def reef(seed: int = 0, length: float = 10.0, view: float = 30.0) -> Scene:
     return _finish(builder, lattice, heights, origin)
 
 
-def flat_floor(seed: int = 0, *, size: float = 12.0, texture: float = 1.0) -> Scene:
-    """Make a flat floor around the origin, its width in m; from above it is a flat wall.
+def flat_floor(seed: int = 0, *, texture: float = 1.0) -> Scene:
+    """Make a flat floor of 12 m around the origin; from above it is a flat wall.
 
     texture: 1 for natural texture, 0 for none.
     """
+    size = 12.0
     samples = int(size / SPACING)
     heights = np.zeros((samples, samples), np.float32)
     origin = (-size / 2, -size / 2)

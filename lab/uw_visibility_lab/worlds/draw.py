@@ -91,7 +91,6 @@ def draw(
     scene: Scene,
     *,
     effects: str | Sequence[str] = RANDOM,
-    without: Sequence[str] = (),
     nearer: float = 1.0,
     lamps: bool = False,
 ) -> View:
@@ -105,8 +104,6 @@ def draw(
         What is looked at; the view has its size.
     effects : str or sequence of str
         ``random`` draws them by their beliefs; else those of `EFFECTS` that are there.
-    without : sequence of str
-        Effects that are left out.
     nearer : float
         Factor of the median range that is drawn: the same state with another scene and another
         factor is another frame of the same water by the same camera.
@@ -128,7 +125,7 @@ def draw(
     if not np.isfinite(scene.range).any():
         raise InputError(f"scene {scene.name} shows no surface: give one with finite ranges")
     streams = Streams(rng)
-    names = _choose(streams("effects"), effects, without)
+    names = _choose(streams("effects"), effects)
     reflectance, ranges, heights = vary(streams("scene"), scene)
     height, width = ranges.shape
     if "open water" in names:
@@ -212,24 +209,21 @@ def draw(
         depth=water.depth, open_water=~known, effects=names, scene=scene.name, curve=curve.name)
 
 
-def _choose(
-    rng: np.random.Generator, effects: str | Sequence[str], without: Sequence[str]
-) -> tuple[str, ...]:
+def _choose(rng: np.random.Generator, effects: str | Sequence[str]) -> tuple[str, ...]:
     """Draw the effects, or check those that are given."""
-    given = () if effects == RANDOM else (effects,) if isinstance(effects, str) else effects
-    for name in (*given, *without):
-        if name not in EFFECTS:
-            raise InputError(f"no effect {name!r}: give some of {', '.join(EFFECTS)}")
     if effects != RANDOM:
-        return tuple(name for name in EFFECTS if name in given and name not in without)
+        given = (effects,) if isinstance(effects, str) else effects
+        for name in given:
+            if name not in EFFECTS:
+                raise InputError(f"no effect {name!r}: give some of {', '.join(EFFECTS)}")
+        return tuple(name for name in EFFECTS if name in given)
     plain = happens(rng, "effects.plain")
     found = []
     for name in EFFECTS:
-        # Drawn even where the view is plain or the effect left out, so that the same seed gives
-        # the same others.
+        # Drawn even where the view is plain, so that the same seed gives the same others.
         always = f"always.{name}" in believed.beliefs()
         there = happens(rng, f"always.{name}" if always else f"effects.{name}")
-        if there and (always or not plain) and name not in without:
+        if there and (always or not plain):
             found.append(name)
     for first, second in _EXCLUDING:
         if first in found and second in found:

@@ -180,10 +180,10 @@ def phase_function(name: str, angle: Array) -> NDArray[np.float64]:
     return np.interp(angle, np.linspace(0.0, math.pi, len(table)), table)
 
 
-def normals_of(rays: Array, ranges: Map, step: int = 2) -> Array:
+def normals_of(rays: Array, ranges: Map) -> Array:
     """Unit normals towards the camera of the surfaces in view, (H, W, 3)."""
     points = rays * np.where(np.isfinite(ranges), ranges, 1e3)[..., np.newaxis]
-    points = cv2.GaussianBlur(points.astype(np.float32), (0, 0), step)
+    points = cv2.GaussianBlur(points.astype(np.float32), (0, 0), 2)
     down, right = np.gradient(points.astype(np.float64), axis=(0, 1))
     normal = np.cross(down, right)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
