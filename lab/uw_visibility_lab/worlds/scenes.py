@@ -16,15 +16,9 @@ from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError, refusing
 from uw_visibility.images.arrays import Map
-from uw_visibility.images.files import read_image
 from uw_visibility.optics.transfer import to_linear
-from uw_visibility_lab.evaluation.degrade import (
-    BASELINE,
-    FULL_SIZE_FOCAL_LENGTH,
-    fill_from_background,
-    read_disparity,
-    size_divisor,
-)
+from uw_visibility_lab.evaluation import degrade
+from uw_visibility_lab.evaluation.degrade import fill_from_background
 from uw_visibility_lab.evaluation.parallel import run_all
 from uw_visibility_lab.simulation.noise import noise_lattice
 from uw_visibility_lab.simulation.shapes import (
@@ -78,31 +72,22 @@ def middlebury(folder: Path) -> Scene:
     Parameters
     ----------
     folder : Path
-        Holds ``view1`` and ``disp1.png``, as `uw_visibility_lab.evaluation.degrade.load_scene`
-        has them. Pixels without disparity are filled by `fill_from_background`.
+        As `uw_visibility_lab.evaluation.degrade.load_scene` has it. Pixels without disparity are
+        filled by `fill_from_background`.
 
     Raises
     ------
     InputError
         If a file is missing, the sizes differ, or no pixel has a disparity.
     """
-    found = sorted(Path(folder).glob("view1.*"))
-    if not found:
-        raise InputError(f"{folder} holds no view1: give the folder of a Middlebury scene")
-    image = read_image(found[0])
-    height, width = image.shape[:2]
-    scale = size_divisor(width)
-    disparity = read_disparity(Path(folder) / "disp1.png", scale)
-    if disparity.shape != (height, width):
-        raise InputError(f"scene {folder} has an image and disparities of different size")
-    if not np.isfinite(disparity).any():
-        raise InputError(f"scene {folder} has no pixel with a disparity: give another disp1.png")
-    focal = FULL_SIZE_FOCAL_LENGTH / scale
+    scene = degrade.load_scene(folder)
+    height, width = scene.left.shape[:2]
+    focal, disparity = scene.rig.focal_length, fill_from_background(scene.disparity_left)
     x = (np.arange(width) - (width - 1) / 2) / focal
     y = ((np.arange(height) - (height - 1) / 2) / focal)[:, np.newaxis]
-    ranges = focal * BASELINE / fill_from_background(disparity) * np.sqrt(1.0 + x * x + y * y)
+    ranges = focal * scene.rig.baseline / disparity * np.sqrt(1.0 + x * x + y * y)
     return Scene(
-        Path(folder).resolve().name, "rgbd", image.astype(np.float32) / np.float32(255.0),
+        folder.resolve().name, "rgbd", scene.left.astype(np.float32) / np.float32(255.0),
         ranges.astype(np.float32), pitch=0.0, focal_length=focal / width)
 
 
