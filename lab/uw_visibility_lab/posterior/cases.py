@@ -8,12 +8,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
+from uw_visibility.images.files import read_image
 from uw_visibility_lab.evaluation.lamps.cases import clear_water
 from uw_visibility_lab.posterior.judge import Case, LampCase
 from uw_visibility_lab.tracer.files import TRUTH
@@ -85,13 +85,12 @@ def sea(folder: Path) -> Iterator[Case]:
     if not frames:
         raise InputError(f"{folder} holds no frames: give the folder with NNNN.png, NNNN_depth.png")
     for path in frames:
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-        z = cv2.imread(str(path.with_name(f"{path.stem}_depth.png")), cv2.IMREAD_UNCHANGED)
-        if image is None or z is None or z.ndim != 2:
-            raise InputError(f"{path} or its depth cannot be read: give PNG files")
+        image, z = read_image(path), read_image(path.with_name(f"{path.stem}_depth.png"))
+        if z.ndim != 2:
+            raise InputError(f"the depth of {path} has colours: give Z in mm")
         yield Case(
-            np.ascontiguousarray(image[..., ::-1]), _along_the_ray(z.astype(np.float32) / 1000.0),
-            0.0, "linear", clear_water(PipelineConfig()), None, path.stem)
+            image, _along_the_ray(z.astype(np.float32) / 1000.0), 0.0, "linear",
+            clear_water(PipelineConfig()), None, path.stem)
 
 
 def halves(case: Case) -> tuple[Case, Case]:

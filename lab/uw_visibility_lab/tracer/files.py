@@ -9,12 +9,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from uw_visibility.config.files import write_whole
-from uw_visibility.errors import InputError, refusing
+from uw_visibility.errors import refusing
 from uw_visibility.images.arrays import Array
+from uw_visibility.images.files import read_image, write_png
 from uw_visibility.optics.transfer import from_linear
 from uw_visibility_lab.tracer.scene import Description
 from uw_visibility_lab.tracer.truth import (
@@ -113,13 +113,8 @@ def write_view(folder: Path, view: str, arrays: dict[str, Array]) -> None:
     arrays: image (H, W, 3), 0 .. 1; ranges (H, W), and further ones.
     """
     image = np.clip(arrays["image"], 0.0, 1.0)
-    codes = np.round(image[..., ::-1] * FULL).astype(np.uint16)
-    shown = from_linear(image[..., ::-1], "srgb", np.uint8)
-    for name, pixels in ((f"{view}.png", codes), (f"{view}_srgb.png", shown)):
-        made, data = cv2.imencode(".png", pixels)
-        if not made:
-            raise InputError(f"{folder / name}: OpenCV cannot write it")
-        write_whole(folder / name, data.tobytes())
+    write_png(folder / f"{view}.png", np.round(image * FULL).astype(np.uint16))
+    write_png(folder / f"{view}_srgb.png", from_linear(image, "srgb", np.uint8))
     kept: dict[str, Any] = {
         name: np.asarray(a, np.float32) for name, a in arrays.items() if name != "image"}
     np.savez_compressed(folder / f"{view}.npz", **kept)
@@ -141,11 +136,9 @@ def load(folder: Path) -> Traced:
         attenuation, light = (
             np.array([np.nan if value is None else value for value in values], float)
             for values in (truth["attenuation"]["attenuation"], truth["light"]))
-        codes = cv2.imread(str(folder / "left.png"), cv2.IMREAD_UNCHANGED)
-        if codes is None or codes.dtype != np.uint16 or codes.ndim != 3:
-            raise ValueError("left.png is no 16-bit colour image")
+        codes = read_image(folder / "left.png")
         with np.load(folder / "left.npz", allow_pickle=False) as stored:
             ranges, surface = stored["ranges"], stored["surface"]
         return Traced(
-            codes[..., ::-1].astype(np.float32) / FULL, ranges, surface, attenuation, light,
+            codes.astype(np.float32) / FULL, ranges, surface, attenuation, light,
             float(truth["focal_length"]), float(truth["baseline"]), truth)
