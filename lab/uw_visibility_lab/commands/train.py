@@ -6,13 +6,11 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from uw_visibility.config.files import refuse_inputs
 from uw_visibility.errors import InputError, check_range
-from uw_visibility.replay.progress import say
+from uw_visibility.replay.progress import progress_bar, say
 from uw_visibility_lab.commands.described import REQUIRED, Options, add_described
 
 HELP = "a posterior of the water, trained on random views"
@@ -62,8 +60,8 @@ def run(arguments: argparse.Namespace) -> None:
         views = examples.load(kept)
     else:
         views = examples.draw_all(
-            arguments.pool, arguments.views, arguments.seed, arguments.jobs, _tell,
-            arguments.lamps)
+            arguments.pool, arguments.views, arguments.seed, arguments.jobs,
+            lambda done, blocks: progress_bar(done, "draw", blocks), arguments.lamps)
         if kept is not None:
             examples.save(views, kept)
     if arguments.also is not None:
@@ -89,11 +87,3 @@ def _check_output(arguments: argparse.Namespace) -> None:
             "give another name") from error
     if not arguments.force:
         raise InputError(f"{output} exists already: give another name, or --force to replace")
-
-
-def _tell(done: Iterator[Any], blocks: int) -> Iterator[Any]:
-    """Say ten times how many of the blocks of views are drawn."""
-    for number, block in enumerate(done, 1):
-        yield block
-        if number % max(blocks // 10, 1) == 0:
-            say(f"drawn: {number} of {blocks} blocks of views")
