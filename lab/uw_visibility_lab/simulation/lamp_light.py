@@ -215,8 +215,7 @@ def form_lamp_image(
 ) -> Map:
     """Irradiance of an image by the light of lamps alone; 0 without lamps."""
     view, surfaces = lit.view, lit.view.surfaces
-    if surfaces is None:
-        raise ValueError("the view has no surfaces: look with surfaces=True")
+    assert surfaces is not None  # `Renderer.look` sees them where there are lamps
     beta = water.attenuation()
     scattering = beta * lighting.scattering_albedo
     array = lamp_array(lamps, lit.offset)

@@ -132,8 +132,7 @@ def draw_bins(path: Path, case: CaseResult) -> None:
     that the pipeline found.
     """
     pictures = case.pictures
-    if pictures is None:
-        raise ValueError("the case was evaluated without pictures")
+    assert pictures is not None
     truth, reading = case.truth, case.readings["pipeline"]
     figure = Figure(figsize=(13.0, 5.6), layout="constrained")
     parts = figure.add_gridspec(2, 4, width_ratios=(0.95, 1.0, 1.0, 1.0))
