@@ -53,8 +53,8 @@ def lamp_array(lamps: tuple[Lamp, ...], camera_offset: float) -> Array:
     Returns (n, 10): position, axis, coefficient of the beam, power.
     """
     rows = [
-        [lamp.position[0] - camera_offset, *lamp.position[1:], *lamp.axis, lamp.falloff,
-         *lamp.power]
+        [lamp.position[0] - camera_offset, *lamp.position[1:], *lamp.axis,
+         beam_falloff(lamp.beam_angle), *lamp.power]
         for lamp in lamps
     ]
     return np.array(rows, dtype=np.float64).reshape(-1, 10)

@@ -32,6 +32,7 @@ from uw_visibility.optics.water_type import (
     inherent_properties,
     water_types,
 )
+from uw_visibility_lab.simulation.camera import Triple
 
 RESPONSE = "nikon_d5100"
 """The simulated camera's spectral response: the package's default."""
@@ -121,9 +122,6 @@ def _spectrum(water_type: str) -> tuple[Array, Array, Array]:
         return absorption, 0.5 * scattering, 0.5 * scattering
     absorption, scattering = inherent_properties(water_type, WAVELENGTHS)
     return absorption, (1.0 - KEPT) * scattering, BACKSCATTERED * scattering
-
-
-Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from uw_visibility.config.lighting import beam_falloff
 from uw_visibility.images.arrays import Array, Map
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility_lab.simulation.lamps import Lamp, Triple
+from uw_visibility_lab.simulation.camera import Triple
+from uw_visibility_lab.simulation.lamps import Lamp
 from uw_visibility_lab.simulation.phase_functions import (
     FOURNIER_FORAND,
     HENYEY_GREENSTEIN,
