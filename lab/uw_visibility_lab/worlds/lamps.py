@@ -9,7 +9,6 @@ simulator's kernels are used, so that it can judge what is estimated by them.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -18,8 +17,8 @@ from numpy.typing import NDArray
 
 from uw_visibility.config.lighting import beam_falloff
 from uw_visibility.images.arrays import Array, Map
+from uw_visibility.optics.lamps import vector
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility_lab.simulation.camera import Triple
 from uw_visibility_lab.simulation.lamps import Lamp
 from uw_visibility_lab.simulation.phase_functions import (
     FOURNIER_FORAND,
@@ -69,7 +68,7 @@ def draw_lamps(rng: np.random.Generator) -> tuple[Lamp, ...]:
         position = np.array((
             aside * math.cos(around), aside * math.sin(around), draw(rng, "lamps.ahead")))
         power = colour * draw(rng, "lamps.power")
-        lamps.append(Lamp(_triple(position), _triple(target - position), beam, _triple(power)))
+        lamps.append(Lamp(vector(position), vector(target - position), beam, vector(power)))
     return tuple(lamps)
 
 
@@ -190,8 +189,3 @@ def normals_of(rays: Array, ranges: Map) -> Array:
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
     away = np.einsum("hwk,hwk->hw", normal, rays) > 0
     return np.where(away[..., np.newaxis], -normal, normal)
-
-
-def _triple(values: Sequence[float] | Array) -> Triple:
-    x, y, z = np.asarray(values, np.float64).tolist()
-    return x, y, z

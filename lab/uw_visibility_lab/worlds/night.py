@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Array, Map
+from uw_visibility.optics.lamps import vector
 from uw_visibility_lab.simulation.lamps import Lamp, lighting_parameters, misplaced
 from uw_visibility_lab.simulation.phase_functions import FOURNIER_FORAND, HENYEY_GREENSTEIN
 from uw_visibility_lab.worlds import lamps as by_lamps
@@ -160,7 +161,7 @@ def _told(
         mean = np.mean([lamp.power for lamp in lamps], axis=0)
         told = [draw(rng, "lamps.power_error") * mean for _ in lamps]
         lamps = tuple(
-            replace(lamp, power=(float(p[0]), float(p[1]), float(p[2])))
+            replace(lamp, power=vector(p))
             for lamp, p in zip(lamps, told, strict=True))
     return lamps
 
