@@ -184,12 +184,14 @@ def run(arguments: argparse.Namespace) -> None:
     from uw_visibility_lab.simulation.transect import Transect
 
     check_range("--threads", arguments.threads, 0, MOST_THREADS)
+    if len(arguments.altitude) > 2:
+        raise InputError(f"--altitude has {len(arguments.altitude)} values: give one, or two")
     focal_length = arguments.focal_length
     if focal_length is None:
         focal_length = arguments.width * 15 / 16
     transect = of_arguments(
         Transect, arguments,
-        altitude=_altitude(arguments.altitude),
+        altitude=(arguments.altitude[0], arguments.altitude[-1]),
         tilt=90.0 if arguments.downward else Transect.tilt,
         camera=of_arguments(StereoCamera, arguments, focal_length=focal_length),
         sensor=_sensor(arguments),
@@ -210,12 +212,6 @@ def run(arguments: argparse.Namespace) -> None:
         progress=lambda frames: progress_bar(frames, "simulate", transect.frames),
     )
     say(f"{arguments.output}: {transect.frames} stereo frames at {transect.rate:g} Hz")
-
-
-def _altitude(heights: list[float]) -> tuple[float, float]:
-    if len(heights) > 2:
-        raise InputError(f"--altitude has {len(heights)} values: give one, or two")
-    return heights[0], heights[-1]
 
 
 def _lighting(arguments: argparse.Namespace) -> Lighting:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.files import read_image
+from uw_visibility.stereo.rig import StereoRig
 from uw_visibility_lab.evaluation.lamps.cases import clear_water
 from uw_visibility_lab.posterior.judge import Case, LampCase
 from uw_visibility_lab.tracer.files import TRUTH
@@ -108,7 +109,5 @@ def _part(case: Case, columns: slice, name: str) -> Case:
 def _along_the_ray(z: NDArray[np.float32]) -> NDArray[np.float32]:
     """Range along the line of sight from Z, m; NaN where Z is 0."""
     height, width = z.shape
-    u = (np.arange(width) - (width - 1) / 2) / SEA_FOCAL_LENGTH
-    v = (np.arange(height) - (height - 1) / 2) / SEA_FOCAL_LENGTH
-    ranges = z * np.sqrt(1.0 + u**2 + v[:, np.newaxis] ** 2)
-    return np.where(z > 0, ranges, np.nan).astype(np.float32)
+    rig = StereoRig(SEA_FOCAL_LENGTH, 1.0, ((width - 1) / 2, (height - 1) / 2))
+    return np.where(z > 0, z * rig.ray_lengths(z.shape), np.float32(np.nan))

@@ -95,10 +95,7 @@ def evaluate_lamp_case(case: LampCase, config: PipelineConfig) -> StudyResult:
             matched=case.matched)[0]
         for name, parameters in told.items()
     }
-    labels = {
-        "seed": case.seed, "lamps": case.lamps, "mean_attenuation": case.mean_attenuation,
-        "surfaces": case.surfaces,
-    }
+    labels = {name: value for name, value in vars(case).items() if name != "matched"}
     return StudyResult(labels, truth, readings)
 
 
