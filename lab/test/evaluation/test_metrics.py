@@ -45,7 +45,6 @@ def test_colour_difference_is_the_distance_in_lab() -> None:
     red_green = np.linalg.norm(np.subtract(PUBLISHED[2][1], PUBLISHED[3][1]))
     found = metrics.colour_difference(first, second)
     np.testing.assert_allclose(found, [[100, red_green]], atol=0.1)
-    assert metrics.mean_colour_difference(first, second) == pytest.approx(found.mean())
 
 
 @settings(max_examples=30, deadline=None)

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from uw_visibility_lab.evaluation.reliability import Reliability
+from uw_visibility_lab.evaluation.metrics import Reliability
 
 SHAPE = (200, 300)
 

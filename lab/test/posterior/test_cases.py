@@ -12,9 +12,8 @@ import pytest
 
 from uw_visibility.errors import InputError
 from uw_visibility_lab.posterior.cases import drawn, halves, sea, traced
-from uw_visibility_lab.posterior.estimators import OnBoard
 from uw_visibility_lab.posterior.examples import draw_all, load, save
-from uw_visibility_lab.posterior.judge import Case
+from uw_visibility_lab.posterior.judge import Case, OnBoard
 from uw_visibility_lab.worlds.scenes import load_scene, make_pool
 from uw_visibility_lab.worlds.scenes import pool as scenes_of
 

@@ -11,7 +11,7 @@ import pytest
 
 from uw_visibility.water.lamps.posterior import FITTED
 from uw_visibility_lab.posterior.cases import by_lamps
-from uw_visibility_lab.posterior.estimators import estimate_by_lamps
+from uw_visibility_lab.posterior.judge import estimate_by_lamps
 from uw_visibility_lab.posterior.lamps import observe, reefs, score
 from uw_visibility_lab.worlds.scenes import procedural
 

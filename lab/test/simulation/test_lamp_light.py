@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import quad
 
 from uw_visibility.compute.threads import Workers
+from uw_visibility.config.lighting import beam_falloff
 from uw_visibility.errors import InputError
 from uw_visibility_lab.simulation.camera import StereoCamera
 from uw_visibility_lab.simulation.lamp_light import lamp_array, light_surfaces, scatter
@@ -73,7 +74,8 @@ def test_scattered_light_is_the_integral_along_the_ray(lamp: Lamp, name: str) ->
         def integrand(s: float, ray: np.ndarray = ray, c: int = c) -> float:
             offset = s * ray - lamp.position
             r = float(np.linalg.norm(offset))
-            beam = math.exp(-lamp.falloff * math.acos(np.clip(offset @ lamp.axis / r, -1, 1)) ** 2)
+            angle = math.acos(np.clip(offset @ lamp.axis / r, -1, 1))
+            beam = math.exp(-beam_falloff(lamp.beam_angle) * angle**2)
             scattering = math.acos(np.clip(-offset @ ray / r, -1, 1))
             phase = float(CURVES[name](scattering))
             return beam * phase * math.exp(-BETA[c] * (r + s)) / r**2

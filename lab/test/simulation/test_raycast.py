@@ -11,12 +11,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uw_visibility_lab.simulation.raycast import (
-    capsule_distance,
-    ellipsoid_distance,
-    floor_distance,
-)
+from uw_visibility_lab.simulation.raycast import floor_distance
 from uw_visibility_lab.simulation.scene import SPACING, flat_floor, reef
+from uw_visibility_lab.simulation.shapes import (
+    CAPSULE,
+    ELLIPSOID,
+    NOWHERE,
+    axes_along,
+    meet_shape,
+    shape_row,
+)
 
 DIRECTION = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda d: np.linalg.norm(d) > 0.1)
 
@@ -66,9 +70,9 @@ def test_rough_floor_is_met_at_its_first_crossing() -> None:
 def test_a_ball_as_ellipsoid(direction: tuple[float, ...]) -> None:
     aim = unit(direction)
     centre = 5.0 * aim
-    eye = np.zeros(3)
-    assert ellipsoid_distance(centre, np.eye(3) / 2.0, eye, *aim) == pytest.approx(3.0)
-    assert ellipsoid_distance(centre, np.eye(3) / 2.0, eye, *-aim) == math.inf
+    ball = shape_row(ELLIPSOID, centre, (2.0, 2.0, 2.0))
+    assert meet_shape(ball, 0.0, 0.0, 0.0, *aim) == pytest.approx(3.0)
+    assert meet_shape(ball, 0.0, 0.0, 0.0, *-aim) == NOWHERE
 
 
 @settings(max_examples=50, deadline=None)
@@ -80,7 +84,9 @@ def test_a_capsule_is_met_on_its_surface(
     end = start + np.array(axis)
     aim = unit(direction)
     eye = start + share * (end - start) - 6.0 * aim
-    distance = capsule_distance(np.array([*start, *end, radius]), eye, *aim)
+    half = (radius, radius, np.linalg.norm(end - start) / 2)
+    capsule = shape_row(CAPSULE, (start + end) / 2, half, axes_along(*(end - start)))
+    distance = meet_shape(capsule, *eye, *aim)
     hit = eye + distance * aim
     along = np.clip((hit - start) @ (end - start) / ((end - start) @ (end - start)), 0.0, 1.0)
     assert np.linalg.norm(hit - start - along * (end - start)) == pytest.approx(radius, abs=1e-6)

@@ -14,7 +14,7 @@ from uw_visibility.optics.spectra import (
     load_response,
 )
 from uw_visibility.optics.water_type import water_type_attenuation, water_types
-from uw_visibility_lab.simulation.spectrum import band_averages
+from uw_visibility_lab.simulation.water import band_averages
 
 
 def test_transmission_is_the_integral_over_the_band() -> None:

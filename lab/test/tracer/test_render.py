@@ -6,13 +6,31 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 from uw_visibility.errors import InputError
-from uw_visibility_lab.tracer import load
-from uw_visibility_lab.tracer.render import Geometry, image_guide, veil_guide, without_gaps
+from uw_visibility_lab.tracer.files import load
+from uw_visibility_lab.tracer.render import (
+    Geometry,
+    fournier_forand_table,
+    image_guide,
+    veil_guide,
+    without_gaps,
+)
 from uw_visibility_lab.tracer.scene import draw_scene
+
+
+def test_the_table_of_a_phase_function_integrates_to_one_and_keeps_the_mean_cosine() -> None:
+    table = fournier_forand_table(1 << 15)
+    step = 2.0 / (len(table) - 1)
+    whole = 2.0 * np.pi * step * (table.sum() - 0.5 * (table[0] + table[-1]))
+    assert whole == pytest.approx(1.0, abs=0.01)
+    along = np.linspace(-1.0, 1.0, len(table))
+    mean = trapezoid(table * along, along) / trapezoid(table, along)
+    assert mean == pytest.approx(0.930, abs=0.005)
 
 
 def test_a_pixel_that_is_no_number_takes_those_around() -> None:
@@ -88,26 +106,16 @@ def test_the_right_camera_sees_the_left_ones_points_shifted() -> None:
     assert np.nanmedian(left._ranges()) == pytest.approx(np.nanmedian(right._ranges()), rel=0.1)
 
 
-def test_views_and_sizes_that_do_not_exist_are_refused() -> None:
-    pytest.importorskip("mitsuba", reason="needs the lab's extra trace")
-    from uw_visibility_lab.tracer.render import Tracer
-
-    with pytest.raises(InputError, match="above"):
-        Tracer(draw_scene(1, "reef"), 32, 24, "above")
-    with pytest.raises(InputError, match="px"):
-        Tracer(draw_scene(1, "reef"), 4, 24)
-
-
 def test_a_series_is_taken_up_where_it_ended(tmp_path: Path) -> None:
     pytest.importorskip("mitsuba", reason="needs the lab's extra trace")
     pytest.importorskip("pyoidn", reason="needs the lab's extra trace")
-    from uw_visibility_lab.tracer.series import descriptions, render_scene
+    from uw_visibility_lab.tracer.render import render_scene
 
-    [(name, description)] = descriptions(1, 2, ["boulders"])
-    folder = tmp_path / name
+    folder, description = tmp_path / "00002_boulders", draw_scene(2, "boulders")
     assert render_scene(folder, description, (64, 48), 4, stereo=True, threads=1)
     assert not render_scene(folder, description, (64, 48), 4, threads=1)
-    left, right = load(folder), load(folder, "right")
-    assert left.image.shape == right.image.shape == (48, 64, 3)
-    assert left.seed == 2
-    assert not np.array_equal(left.image, right.image)
+    left = load(folder)
+    right = cv2.imread(str(folder / "right.png"), cv2.IMREAD_UNCHANGED)
+    assert left.image.shape == right.shape == (48, 64, 3)
+    assert left.truth["description"]["seed"] == 2
+    assert not np.array_equal(left.image * 65535.0, right[..., ::-1])

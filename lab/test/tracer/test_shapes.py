@@ -7,15 +7,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uw_visibility_lab.tracer.noise import fractal, value_noise
 from uw_visibility_lab.tracer.shapes import (
     box,
     cylinder,
+    fractal,
     grid_faces,
     painted,
     polar_grid,
     rotation,
     sphere,
+    value_noise,
 )
 
 

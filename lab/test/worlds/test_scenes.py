@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from uw_visibility.errors import InputError
+from uw_visibility_lab.simulation.shapes import NOWHERE
 from uw_visibility_lab.worlds.geometry import (
     LEVELS,
-    NOWHERE,
     TEXTURE,
     meet_ground,
     nearest_shape,
@@ -139,7 +139,8 @@ def test_middlebury_scenes_are_filled_and_metric(tmp_path: object) -> None:
     disparity[:, 30:] = 180
     disparity[:, 26:30] = 0
     cv2.imwrite(str(tmp_path / "disp1.png"), disparity)
-    cv2.imwrite(str(tmp_path / "view1.png"), np.full((40, 60, 3), 51, np.uint8))
+    for name in ("view1.png", "view5.png"):
+        cv2.imwrite(str(tmp_path / name), np.full((40, 60, 3), 51, np.uint8))
     scene = middlebury(tmp_path)
     # f B / d with a third of 3740 px, 0.16 m and 30 px; a hole takes the farther side.
     assert scene.range[20, 27] == pytest.approx(3740 / 3 * 0.16 / 30, rel=1e-3)
@@ -152,7 +153,8 @@ def test_middlebury_rows_without_disparity_are_as_the_nearest_row(tmp_path: obje
     disparity[20:] = 180
     disparity[17:20] = 0
     cv2.imwrite(str(tmp_path / "disp1.png"), disparity)
-    cv2.imwrite(str(tmp_path / "view1.png"), np.full((40, 60, 3), 51, np.uint8))
+    for name in ("view1.png", "view5.png"):
+        cv2.imwrite(str(tmp_path / name), np.full((40, 60, 3), 51, np.uint8))
     scene = middlebury(tmp_path)
     expected = 3740 / 3 * 0.16 / np.array([30, 60])
     assert scene.range[[17, 19], 30] == pytest.approx(expected, rel=1e-3)
@@ -160,8 +162,9 @@ def test_middlebury_rows_without_disparity_are_as_the_nearest_row(tmp_path: obje
 
 def test_a_middlebury_scene_without_any_disparity_is_refused(tmp_path: object) -> None:
     cv2.imwrite(str(tmp_path / "disp1.png"), np.zeros((40, 60), np.uint8))
-    cv2.imwrite(str(tmp_path / "view1.png"), np.full((40, 60, 3), 51, np.uint8))
-    with pytest.raises(InputError, match="no pixel with a disparity"):
+    for name in ("view1.png", "view5.png"):
+        cv2.imwrite(str(tmp_path / name), np.full((40, 60, 3), 51, np.uint8))
+    with pytest.raises(InputError, match="no known pixel"):
         middlebury(tmp_path)
 
 

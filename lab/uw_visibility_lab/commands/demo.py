@@ -32,21 +32,16 @@ arrival of the last message of their result."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
-    parser.add_argument(
-        "-o", "--output", metavar="DIR", type=Path, default=Path("demo"),
-        help="folder for the results (%(default)s)",
-    )
-    parser.add_argument(
-        "--force", action="store_true", help="replace the results of an earlier demonstration")
     add_described(parser, {
+        "-o --output DIR": (Path("demo"), "folder for the results", Path),
+        "--force": (False, "replace the results of an earlier demonstration"),
         "--frames N": (20, "stereo frames"), "--rate HZ": (2.0, "frames per second"),
         "--seed N": (0, "seed of the simulation"),
     })
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command; exit with code 1 if the node ends before its time."""
+    """Exit with code 1 if the node ends before its time."""
     from uw_visibility_lab.simulation.transect import Transect
 
     transect = Transect(frames=arguments.frames, rate=arguments.rate, seed=arguments.seed)

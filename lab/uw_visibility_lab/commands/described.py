@@ -8,32 +8,42 @@ import argparse
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
-Options: TypeAlias = Mapping[str, tuple[Any, ...]]
-"""Default and help by option name and metavars.
+Options: TypeAlias = Mapping[str, Any]
+"""Default and help by option names and metavars; such a table by the title of a group.
 
 The default tells the type, float without one, unless it is given behind the help. Braces hold
 choices, dots stand for one value or more.
 """
 
+REQUIRED: Any = object()
+"""In the place of a default: the option must be given."""
+
 
 def add_described(parser: argparse._ActionsContainer, options: Options) -> None:
-    """Add options to a parser, or to a group of one; help ends with the default."""
-    for named, (default, text, *kind) in options.items():
-        name, *values = named.split()
-        if default is False:
-            parser.add_argument(name, action="store_true", help=text)
+    """Add options to a parser, and groups of them; help ends with the default."""
+    for named, described in options.items():
+        if isinstance(described, Mapping):
+            add_described(parser.add_argument_group(named), described)
             continue
-        shown = default if isinstance(default, tuple | list) else (default,)
-        told = default in (None, []) or text.endswith(")")
-        how: dict[str, Any] = {"metavar": values[0]}
+        default, text, *kind = described
+        names = [word for word in named.split() if word.startswith("-")]
+        values = named.split()[len(names):]
+        if default is False:
+            parser.add_argument(*names, action="store_true", help=text)
+            continue
+        how: dict[str, Any] = {"metavar": values[0], "default": default}
+        if default is REQUIRED:
+            default, how = None, {"metavar": values[0], "required": True}
         if values[-1] == "...":
             how["nargs"] = "+"
         elif len(values) > 1:
             how |= {"nargs": len(values), "metavar": tuple(values)}
         elif values[0].startswith("{"):
-            how = {"choices": values[0].strip("{}").split(",")}
+            how = {"choices": values[0].strip("{}").split(","), "default": default}
+        shown = default if isinstance(default, tuple | list) else (default,)
+        told = default in (None, []) or text.endswith(")")
         parser.add_argument(
-            name, default=default, type=kind[0] if kind else _kind(shown[0]),
+            *names, type=kind[0] if kind else _kind(shown[0]),
             help=text if told else f"{text} ({' '.join(map(_shown, shown))})", **how,
         )
 
@@ -43,4 +53,4 @@ def _kind(value: Any) -> type:
 
 
 def _shown(value: Any) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
+    return f"{value:g}" if isinstance(value, int | float) else str(value)

@@ -12,12 +12,10 @@ from typing import TYPE_CHECKING, Any
 from uw_visibility.config.files import Products, gathered, refuse_inputs, sole_writer
 from uw_visibility.errors import InputError, check_range, needing
 from uw_visibility.replay.progress import progress_bar, say
-from uw_visibility_lab.commands.described import Options, add_described
+from uw_visibility_lab.commands.described import REQUIRED, Options, add_described
 
 if TYPE_CHECKING:
     from uw_visibility.config.schema import PipelineConfig
-    from uw_visibility_lab.evaluation.experiments import Plan
-    from uw_visibility_lab.evaluation.lamps.report import LampPlan
     from uw_visibility_lab.evaluation.parallel import Progress
 
 # Each takes up to 1 GB.
@@ -100,23 +98,23 @@ QUICK_ATTENUATIONS, QUICK_DEPTHS = (0.0, 0.2), (2.0,)
 QUICK_SURVEY = 12
 NOISES, QUICK_NOISES = ("1", "2", "4", "camera"), ("2",)
 
-OPTIONS: dict[str, Options] = {
-    "": {
-        "--attenuation A ...": (None, "mean attenuations α, 1/m (0 0.1 0.2 0.3)"),
-        "--depth Z ...": (None, "depths z, m (1 2 5)"),
-        "--noise N ...": (
-            None, "noises of the sensor beside none, at one depth: Gaussian of N codes of 255, or "
-            f"camera for shot and read noise; 0 for no other ({' '.join(NOISES)})", str),
-        "--paper": (
-            False, "the grid of section III: α 0 to 0.3 1/m by 0.05, z 0 to 5 m; four times the "
-            "waters"),
-        "--format {png,pdf,svg}": ("png", "of the figures: png, or pdf or svg for print"),
-        "--quick": (
-            False, "a small grid (α 0 and 0.2 1/m, z 2 m, noise of 2 codes)"),
-        "--jobs N": (1, "processes that share the work; each takes up to 1 GB"),
-        "--params-file YAML": (
-            None, "parameters of the pipeline, in the form of config/uw_visibility.yaml", Path),
-    },
+OPTIONS: Options = {
+    "-o --output DIR": (REQUIRED, "new folder for tables and figures", Path),
+    "--force": (False, "replace what an evaluation left there"),
+    "--attenuation A ...": (None, "mean attenuations α, 1/m (0 0.1 0.2 0.3)"),
+    "--depth Z ...": (None, "depths z, m (1 2 5)"),
+    "--noise N ...": (
+        None, "noises of the sensor beside none, at one depth: Gaussian of N codes of 255, or "
+        f"camera for shot and read noise; 0 for no other ({' '.join(NOISES)})", str),
+    "--paper": (
+        False, "the grid of section III: α 0 to 0.3 1/m by 0.05, z 0 to 5 m; four times the "
+        "waters"),
+    "--format {png,pdf,svg}": ("png", "of the figures: png, or pdf or svg for print"),
+    "--quick": (
+        False, "a small grid (α 0 and 0.2 1/m, z 2 m, noise of 2 codes)"),
+    "--jobs N": (1, "processes that share the work; each takes up to 1 GB"),
+    "--params-file YAML": (
+        None, "parameters of the pipeline, in the form of config/uw_visibility.yaml", Path),
     "adverse study": {
         "--adverse": (False, "water and cameras that are not the model's"),
         "--effects NAME ...": ([], "these effects only; an unknown name lists them", str),
@@ -135,19 +133,11 @@ OPTIONS: dict[str, Options] = {
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
-    add = parser.add_argument
-    add(
+    parser.add_argument(
         "datasets", metavar="DATASET", type=Path, nargs="*",
         help="a scene or a folder of scenes; none for rendered ones",
     )
-    add(
-        "-o", "--output", metavar="DIR", type=Path, required=True,
-        help="new folder for tables and figures",
-    )
-    add("--force", action="store_true", help="replace what an evaluation left there")
-    for title, options in OPTIONS.items():
-        add_described(parser.add_argument_group(title) if title else parser, options)
+    add_described(parser, OPTIONS)
 
 
 Written = tuple[Callable[[Path], object], str]
@@ -155,7 +145,6 @@ Written = tuple[Callable[[Path], object], str]
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command."""
     check_range("--jobs", arguments.jobs, 1, MOST_JOBS)
     _refuse_folder(arguments)
     if arguments.adverse and arguments.lamps:
@@ -173,16 +162,31 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Written:
-    # Compiled modules load slowly; what is refused before needs none of them.
-    plan = _plan(arguments)
+    from uw_visibility_lab.evaluation import experiments
+    from uw_visibility_lab.evaluation.scenes import find_scenes
+
+    quick = arguments.quick
+    if quick and arguments.paper:
+        raise InputError("--paper and --quick are two grids: give one of them")
+    attenuations, depths = (
+        (experiments.PAPER_ATTENUATIONS, experiments.PAPER_DEPTHS) if arguments.paper
+        else (QUICK_ATTENUATIONS, QUICK_DEPTHS) if quick
+        else (experiments.ATTENUATIONS, experiments.DEPTHS))
+    plan = experiments.Plan(
+        scenes=find_scenes(arguments.datasets),
+        attenuations=tuple(arguments.attenuation or attenuations),
+        depths=tuple(arguments.depth or depths),
+        # Veil and light are one in the paper's experiments.
+        config=read_config(arguments.params_file, {"water.veil": "paper"}),
+        noises=tuple(arguments.noise or (QUICK_NOISES if quick else NOISES)),
+    )
     _check_figures()
     from uw_visibility_lab.evaluation import mccnn
-    from uw_visibility_lab.evaluation.experiments import evaluate
-    from uw_visibility_lab.evaluation.figures.write import write_figures
+    from uw_visibility_lab.evaluation.figures.pictures import write_figures
     from uw_visibility_lab.evaluation.report import summary_text, write_evaluation
     from uw_visibility_lab.evaluation.summary import summarise
 
-    evaluation = evaluate(plan, arguments.jobs, progress)
+    evaluation = experiments.evaluate(plan, arguments.jobs, progress)
     summary = summarise(evaluation)
 
     def write(folder: Path) -> None:
@@ -218,15 +222,31 @@ def _run_adverse(arguments: argparse.Namespace, progress: Progress) -> Written:
 def _run_lamps(arguments: argparse.Namespace, progress: Progress) -> Written:
     if arguments.datasets:
         raise InputError("--lamps renders its own scenes: leave out the DATASET")
-    plan = _lamp_plan(arguments)
-    _check_figures()
-    from uw_visibility_lab.evaluation.lamps import cases, figures, report
+    from uw_visibility_lab.evaluation.lamps import cases, report
     from uw_visibility_lab.evaluation.lamps.survey import run_survey
+
+    quick, frames, seeds = arguments.quick, arguments.frames, arguments.seeds
+    if frames is None:
+        frames = QUICK_SURVEY if quick else report.FRAMES
+    if seeds is None:
+        seeds = 1 if quick else report.SEEDS
+    plan = report.LampPlan(
+        attenuations=tuple(
+            arguments.attenuation or (QUICK_ATTENUATIONS[1:] if quick else report.ATTENUATIONS)),
+        surfaces=cases.SURFACES[:1] if quick else cases.SURFACES,
+        seeds=seeds,
+        matched=arguments.ranges != "true",
+        survey=frames,
+        config=read_config(arguments.params_file, {}),
+    )
+    _check_figures()
+    from uw_visibility_lab.evaluation.lamps import figures
     from uw_visibility_lab.evaluation.parallel import run_cases
 
     results = run_cases(
         cases.evaluate_lamp_case, plan.cases(), plan.config, arguments.jobs, progress)
-    survey = None if plan.survey is None else run_survey(plan.survey, arguments.jobs, progress)
+    survey = run_survey(
+        plan.survey, plan.config, arguments.jobs, progress) if plan.survey else None
     summary = report.summarise_lamps(results, survey)
 
     def write(folder: Path) -> None:
@@ -236,50 +256,6 @@ def _run_lamps(arguments: argparse.Namespace, progress: Progress) -> Written:
             figures.draw_survey(folder / "survey.png", survey)
 
     return write, report.lamps_text(summary)
-
-
-def _lamp_plan(arguments: argparse.Namespace) -> LampPlan:
-    from uw_visibility_lab.evaluation.lamps import cases, report
-    from uw_visibility_lab.evaluation.lamps.survey import SurveyPlan
-
-    quick = arguments.quick
-    config = read_config(arguments.params_file, {})
-    frames = arguments.frames
-    if frames is None:
-        frames = QUICK_SURVEY if quick else report.FRAMES
-    seeds = arguments.seeds
-    if seeds is None:
-        seeds = 1 if quick else report.SEEDS
-    return report.LampPlan(
-        attenuations=tuple(
-            arguments.attenuation or (QUICK_ATTENUATIONS[1:] if quick else report.ATTENUATIONS)),
-        surfaces=cases.SURFACES[:1] if quick else cases.SURFACES,
-        seeds=seeds,
-        matched=arguments.ranges != "true",
-        survey=None if frames == 0 else SurveyPlan(frames, config=config),
-        config=config,
-    )
-
-
-def _plan(arguments: argparse.Namespace) -> Plan:
-    from uw_visibility_lab.evaluation import experiments
-    from uw_visibility_lab.evaluation.scenes import find_scenes
-
-    quick = arguments.quick
-    if quick and arguments.paper:
-        raise InputError("--paper and --quick are two grids: give one of them")
-    attenuations, depths = (
-        (experiments.PAPER_ATTENUATIONS, experiments.PAPER_DEPTHS) if arguments.paper
-        else (experiments.ATTENUATIONS, experiments.DEPTHS))
-    return experiments.Plan(
-        scenes=find_scenes(arguments.datasets),
-        attenuations=tuple(
-            arguments.attenuation or (QUICK_ATTENUATIONS if quick else attenuations)),
-        depths=tuple(arguments.depth or (QUICK_DEPTHS if quick else depths)),
-        # Veil and light are one in the paper's experiments.
-        config=read_config(arguments.params_file, {"water.veil": "paper"}),
-        noises=tuple(arguments.noise or (QUICK_NOISES if quick else NOISES)),
-    )
 
 
 def read_config(path: Path | None, defaults: dict[str, Any]) -> PipelineConfig:

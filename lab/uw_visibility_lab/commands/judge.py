@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.replay.progress import progress_bar, say
@@ -79,24 +79,18 @@ OPTIONS: Options = {
         None, "parameters of the pipeline with --matcher, such as stereo.pixel_values", Path),
     "--cases N": (100, "views of each kind"),
     "--seed S": (0, "of the views"),
+    "--each": (False, "a row for every effect alone, too"),
+    "--lamps": (False, "judge the estimator under lamps instead, by nights of --scenes"),
+    "--pictures": (
+        False, "judge enhanced pictures instead, of --pairs and --traced: seams, noise, colour"),
 }
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
     add_described(parser, OPTIONS)
-    parser.add_argument(
-        "--each", action="store_true", help="a row for every effect alone, too")
-    parser.add_argument(
-        "--lamps", action="store_true",
-        help="judge the estimator under lamps instead, by nights of --scenes")
-    parser.add_argument(
-        "--pictures", action="store_true",
-        help="judge enhanced pictures instead, of --pairs and --traced: seams, noise, colour")
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command."""
     check_range("--cases", arguments.cases, 1, 1_000_000)
     if arguments.pictures:
         _judge_pictures(arguments)
@@ -112,26 +106,19 @@ def run(arguments: argparse.Namespace) -> None:
 
     estimator = _estimator(arguments.estimator)
     say(table([]))
-    if arguments.lamps:
-        for kind in _nights(arguments):
-            assert kind.estimator is not None
-            row = judge(kind.estimator, progress_bar(
-                kind.cases(kind.number), kind.name, kind.number))
-            say(table([(kind.name, row)]).splitlines()[1])
-        return
-    for kind in _kinds(arguments):
-        row = judge(estimator, progress_bar(kind.cases(kind.number), kind.name, kind.number))
+    for kind in _nights(arguments) if arguments.lamps else _kinds(arguments, estimator):
+        row = judge(kind.estimator, progress_bar(kind.cases(kind.number), kind.name, kind.number))
         say(table([(kind.name, row)]).splitlines()[1])
         if kind.disturbed:
-            changed, moved = flips(estimator, list(kind.cases(max(kind.number // 4, 1))))
+            changed, moved = flips(kind.estimator, list(kind.cases(max(kind.number // 4, 1))))
             say(f"{'':24} told or not changes in {changed:.3f} of the frames that differ in "
                 f"nothing, ln d by {moved:.2f} σ")
-    if arguments.sea:
+    if arguments.sea and not arguments.lamps:
         _list_sea(estimator, arguments.sea)
 
 
 def _estimator(name: str) -> Estimator:
-    from uw_visibility_lab.posterior.estimators import OnBoard
+    from uw_visibility_lab.posterior.judge import OnBoard
 
     return OnBoard(name) if name in ("free", "paper") else OnBoard(weights=Path(name))
 
@@ -194,11 +181,11 @@ class _Kind(NamedTuple):
     name: str
     number: int
     cases: Callable[[int], Iterator[Case]]
+    estimator: Estimator
     disturbed: bool = False
-    estimator: Estimator | None = None
 
 
-def _kinds(arguments: argparse.Namespace) -> Iterator[_Kind]:
+def _kinds(arguments: argparse.Namespace, estimator: Estimator) -> Iterator[_Kind]:
     from uw_visibility_lab.posterior.cases import drawn, traced, traced_scenes
     from uw_visibility_lab.worlds.draw import EFFECTS, RANDOM
 
@@ -208,14 +195,15 @@ def _kinds(arguments: argparse.Namespace) -> Iterator[_Kind]:
         if folder is None:
             continue
         views = partial(drawn, _scenes(name, folder), seed=seed)
-        yield _Kind(f"{name}, no effect", number, partial(views, effects=()))
-        yield _Kind(f"{name}, all effects", number, partial(views, effects=RANDOM), True)
+        yield _Kind(f"{name}, no effect", number, partial(views, effects=()), estimator)
+        yield _Kind(f"{name}, all effects", number, partial(views, effects=RANDOM), estimator, True)
         for effect in EFFECTS if arguments.each else ():
-            yield _Kind(f"{name}, {effect}"[:24], number, partial(views, effects=(effect,)))
+            yield _Kind(
+                f"{name}, {effect}"[:24], number, partial(views, effects=(effect,)), estimator)
     if arguments.traced:
         yield _Kind(
             "traced", len(traced_scenes(arguments.traced)),
-            lambda first: islice(traced(arguments.traced, seed), first))
+            lambda first: islice(traced(arguments.traced, seed), first), estimator)
 
 
 # Exponent of reflectance over its median: scenes of a pool differ by a factor of two, sand and rock
@@ -227,23 +215,19 @@ _DAYLIGHT = (0.0, 0.02, 0.1, 0.3, 0.6, 0.9)
 
 def _nights(arguments: argparse.Namespace) -> Iterator[_Kind]:
     from uw_visibility_lab.posterior.cases import by_lamps
-    from uw_visibility_lab.posterior.estimators import OnBoard, UnderLamps
+    from uw_visibility_lab.posterior.judge import OnBoard, under_lamps
     from uw_visibility_lab.worlds.night import EFFECTS
 
-    number, under = arguments.cases, UnderLamps()
     frames = partial(by_lamps, _scenes("scenes", arguments.scenes), seed=arguments.seed)
-    yield _Kind("lamps, no effect", number, partial(frames, effects=()), estimator=under)
-    yield _Kind("lamps, random effects", number, frames, estimator=under)
-    yield _Kind(
-        "lamps, even ground", number, partial(frames, effects=(), contrast=_OF_GROUND),
-        estimator=under)
-    for effect in EFFECTS if arguments.each else ():
-        yield _Kind(
-            f"lamps, {effect}"[:24], number, partial(frames, effects=(effect,)), estimator=under)
-    for share in _DAYLIGHT:
-        yield _Kind(
-            f"daylight {share:g} beside", number, partial(frames, daylight=share), estimator=under)
-    yield _Kind("told as daylight", number, frames, estimator=OnBoard())
+    kinds: dict[str, dict[str, Any]] = {
+        "lamps, no effect": {"effects": ()}, "lamps, random effects": {},
+        "lamps, even ground": {"effects": (), "contrast": _OF_GROUND}}
+    if arguments.each:
+        kinds |= {f"lamps, {effect}"[:24]: {"effects": (effect,)} for effect in EFFECTS}
+    kinds |= {f"daylight {share:g} beside": {"daylight": share} for share in _DAYLIGHT}
+    for name, what in kinds.items():
+        yield _Kind(name, arguments.cases, partial(frames, **what), under_lamps)
+    yield _Kind("told as daylight", arguments.cases, frames, OnBoard())
 
 
 def _scenes(name: str, folder: Path) -> list:  # type: ignore[type-arg]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.replay.progress import say
-from uw_visibility_lab.commands.described import Options, add_described
+from uw_visibility_lab.commands.described import REQUIRED, Options, add_described
 
 HELP = "path-traced scenes under water with their truth"
 DESCRIPTION = """\
@@ -35,6 +35,7 @@ in each folder:
                           surfaces' light with its σ, veil, light, calibration"""
 
 OPTIONS: Options = {
+    "-o --output FOLDER": (REQUIRED, "folder of the scenes' folders", Path),
     "--scenes N": (40, "scenes"),
     "--seed N": (1, "seed of the first; the others' follow"),
     "--kinds KIND,...": ("boulders,reef", "of boulders, reef and poles, in turn"),
@@ -47,15 +48,10 @@ OPTIONS: Options = {
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
-    parser.add_argument(
-        "-o", "--output", metavar="FOLDER", type=Path, required=True,
-        help="folder of the scenes' folders")
     add_described(parser, OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command."""
     check_range("--scenes", arguments.scenes, 1, 100000)
     check_range("--seed", arguments.seed, 0, 1 << 24)
     check_range("--samples", arguments.samples, 1, 1 << 16)
@@ -65,10 +61,16 @@ def run(arguments: argparse.Namespace) -> None:
     if size is None:
         raise InputError(f"--size is {arguments.size}: give width and height, as in 320x240")
     from uw_visibility_lab.tracer import engine
-    from uw_visibility_lab.tracer.series import descriptions, render_scene
+    from uw_visibility_lab.tracer.render import render_scene
+    from uw_visibility_lab.tracer.scene import draw_scene
 
     kinds = [kind for kind in arguments.kinds.split(",") if kind]
-    scenes = list(descriptions(arguments.scenes, arguments.seed, kinds, arguments.lamps))
+    if not kinds:
+        raise InputError("no kind of scene is given: give one at least, as in --kinds reef")
+    scenes = []
+    for k in range(arguments.scenes):
+        seed, kind = arguments.seed + k, kinds[k % len(kinds)]
+        scenes.append((f"{seed:05d}_{kind}", draw_scene(seed, kind, arguments.lamps)))
     width, height = int(size[1]), int(size[2])
     check_range("--size", (width, height), 16, 8192, "px")
     # Before anything is made: what is missed is said at once.

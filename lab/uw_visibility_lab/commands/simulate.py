@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from uw_visibility.commands.options import of_arguments
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.replay.progress import say
-from uw_visibility_lab.commands.described import Options, add_described
+from uw_visibility_lab.commands.described import REQUIRED, Options, add_described
 
 if TYPE_CHECKING:
     from uw_visibility_lab.simulation.camera import Sensor
@@ -74,29 +74,29 @@ with lamps also:
 Ambient and scene light are daylight's alone: 0 at night."""
 
 
-OPTIONS: dict[str, Options] = {
-    "": {
-        "--frames N": (60, "stereo frames"),
-        "--rate HZ": (2.0, "frames per second"),
-        "--width PX": (640, "width of an image"),
-        "--height PX": (480, "height of an image"),
-        "--focal-length PX": (None, "focal length (default: 15/16 of the width)"),
-        "--baseline M": (0.12, "distance of the cameras"),
-        "--start TIME": (
-            "2023-11-14T22:13:20Z", "time of the first frame, ISO 8601, UTC by default", _stamp),
-        "--seed N": (0, "seed of reef and noise"),
-        "--depth A B": ((2.0, 6.0), "depth at start and end, m"),
-        "--attenuation A B": ((0.05, 0.3), "mean attenuation at start and end, 1/m"),
-        "--altitude M ...": (
-            [1.5], "height over the floor, or two between which the camera rises and sinks, m"),
-        "--downward": (False, "look straight down, as in a survey of the floor"),
-        "--speed M/S": (0.4, "over ground"),
-        "--exposure GAIN": (
-            None, "fixed exposure, where white at the surface comes to GAIN (default: automatic)"),
-        "--depth-stddev M": (0.05, "noise of the depth sensor"),
-        "--position LAT LON": (None, "record positions too, /gps/fix: from here on to the east"),
-        "--threads N": (0, "threads; 0 takes one per processor"),
-    },
+OPTIONS: Options = {
+    "-o --output BAG": (REQUIRED, "folder of the new bag", Path),
+    "--force": (False, "replace a simulated bag of that name"),
+    "--frames N": (60, "stereo frames"),
+    "--rate HZ": (2.0, "frames per second"),
+    "--width PX": (640, "width of an image"),
+    "--height PX": (480, "height of an image"),
+    "--focal-length PX": (None, "focal length (default: 15/16 of the width)"),
+    "--baseline M": (0.12, "distance of the cameras"),
+    "--start TIME": (
+        "2023-11-14T22:13:20Z", "time of the first frame, ISO 8601, UTC by default", _stamp),
+    "--seed N": (0, "seed of reef and noise"),
+    "--depth A B": ((2.0, 6.0), "depth at start and end, m"),
+    "--attenuation A B": ((0.05, 0.3), "mean attenuation at start and end, 1/m"),
+    "--altitude M ...": (
+        [1.5], "height over the floor, or two between which the camera rises and sinks, m"),
+    "--downward": (False, "look straight down, as in a survey of the floor"),
+    "--speed M/S": (0.4, "over ground"),
+    "--exposure GAIN": (
+        None, "fixed exposure, where white at the surface comes to GAIN (default: automatic)"),
+    "--depth-stddev M": (0.05, "noise of the depth sensor"),
+    "--position LAT LON": (None, "record positions too, /gps/fix: from here on to the east"),
+    "--threads N": (0, "threads; 0 takes one per processor"),
     "lamps": {
         "--lamps N": (None, "1, 2 or 4 lamps where vehicles carry them", int),
         "--lamp-positions M ...": (
@@ -172,17 +172,10 @@ OPTIONS: dict[str, Options] = {
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
-    parser.add_argument(
-        "-o", "--output", metavar="BAG", type=Path, required=True, help="folder of the new bag"
-    )
-    parser.add_argument("--force", action="store_true", help="replace a simulated bag of that name")
-    for title, options in OPTIONS.items():
-        add_described(parser.add_argument_group(title) if title else parser, options)
+    add_described(parser, OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command."""
     from uw_visibility.compute.threads import Workers
     from uw_visibility.replay.progress import progress_bar
     from uw_visibility_lab.simulation.bag import write_transect
@@ -191,12 +184,14 @@ def run(arguments: argparse.Namespace) -> None:
     from uw_visibility_lab.simulation.transect import Transect
 
     check_range("--threads", arguments.threads, 0, MOST_THREADS)
+    if len(arguments.altitude) > 2:
+        raise InputError(f"--altitude has {len(arguments.altitude)} values: give one, or two")
     focal_length = arguments.focal_length
     if focal_length is None:
         focal_length = arguments.width * 15 / 16
     transect = of_arguments(
         Transect, arguments,
-        altitude=_altitude(arguments.altitude),
+        altitude=(arguments.altitude[0], arguments.altitude[-1]),
         tilt=90.0 if arguments.downward else Transect.tilt,
         camera=of_arguments(StereoCamera, arguments, focal_length=focal_length),
         sensor=_sensor(arguments),
@@ -217,12 +212,6 @@ def run(arguments: argparse.Namespace) -> None:
         progress=lambda frames: progress_bar(frames, "simulate", transect.frames),
     )
     say(f"{arguments.output}: {transect.frames} stereo frames at {transect.rate:g} Hz")
-
-
-def _altitude(heights: list[float]) -> tuple[float, float]:
-    if len(heights) > 2:
-        raise InputError(f"--altitude has {len(heights)} values: give one, or two")
-    return heights[0], heights[-1]
 
 
 def _lighting(arguments: argparse.Namespace) -> Lighting:

@@ -6,14 +6,12 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from uw_visibility.config.files import refuse_inputs
 from uw_visibility.errors import InputError, check_range
-from uw_visibility.replay.progress import say
-from uw_visibility_lab.commands.described import Options, add_described
+from uw_visibility.replay.progress import progress_bar, say
+from uw_visibility_lab.commands.described import REQUIRED, Options, add_described
 
 HELP = "a posterior of the water, trained on random views"
 DESCRIPTION = """\
@@ -26,6 +24,8 @@ may differ from one processor to another.
 is its `data/daylight_posterior.npz`."""
 
 OPTIONS: Options = {
+    "-o --output NPZ": (REQUIRED, "file for the networks", Path),
+    "--force": (False, "replace networks that are there"),
     "--views N": (50_000, "views to draw; a second a core draws some 30"),
     "--networks N": (3, "networks whose answers are averaged"),
     "--epochs N": (30.0, "times that every view is shown"),
@@ -39,16 +39,11 @@ OPTIONS: Options = {
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
     parser.add_argument("pool", metavar="POOL", type=Path, help="folder of scenes")
-    parser.add_argument(
-        "-o", "--output", metavar="NPZ", type=Path, required=True, help="file for the networks")
-    parser.add_argument("--force", action="store_true", help="replace networks that are there")
     add_described(parser, OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command."""
     check_range("--views", arguments.views, 500, 10_000_000)
     check_range("--networks", arguments.networks, 1, 16)
     check_range("--epochs", arguments.epochs, 0.1, 1000.0)
@@ -65,8 +60,8 @@ def run(arguments: argparse.Namespace) -> None:
         views = examples.load(kept)
     else:
         views = examples.draw_all(
-            arguments.pool, arguments.views, arguments.seed, arguments.jobs, _tell,
-            arguments.lamps)
+            arguments.pool, arguments.views, arguments.seed, arguments.jobs,
+            lambda done, blocks: progress_bar(done, "draw", blocks), arguments.lamps)
         if kept is not None:
             examples.save(views, kept)
     if arguments.also is not None:
@@ -92,11 +87,3 @@ def _check_output(arguments: argparse.Namespace) -> None:
             "give another name") from error
     if not arguments.force:
         raise InputError(f"{output} exists already: give another name, or --force to replace")
-
-
-def _tell(done: Iterator[Any], blocks: int) -> Iterator[Any]:
-    """Say ten times how many of the blocks of views are drawn."""
-    for number, block in enumerate(done, 1):
-        yield block
-        if number % max(blocks // 10, 1) == 0:
-            say(f"drawn: {number} of {blocks} blocks of views")

@@ -9,7 +9,7 @@ import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -143,28 +143,18 @@ def write_results(folder: Path, rows: Sequence[FrameComparison]) -> None:
         for row in rows
     ]
     (folder / "frames.csv").write_text(as_csv(table), encoding="utf-8")
-    _draw_series(
-        folder / "series.png", np.array([row.time for row in rows]), {
-            label: _Series(*(
-                np.array([getattr(row, field) for row in rows])
-                for field in (name, f"{name}_stddev", f"true_{name}")))
-            for name, label in QUANTITIES.items()
-        })
+    _draw_series(folder / "series.png", rows)
 
 
-class _Series(NamedTuple):
-    """A quantity over time: estimates, their σ and the truth; NaN = not assessed."""
-
-    estimate: Array
-    stddev: Array
-    truth: Array
-
-
-def _draw_series(path: Path, time: Array, panels: Mapping[str, _Series]) -> None:
+def _draw_series(path: Path, rows: Sequence[FrameComparison]) -> None:
     """Draw estimates over time (s) with bands of 1 and 2 σ and the truth, a panel for each."""
     figure = Figure(figsize=(9.0, 8.2), layout="constrained")
-    grid = figure.subplots(len(panels), 1, sharex=True)
-    for axes, (label, (value, sigma, truth)) in zip(grid, panels.items(), strict=True):
+    grid = figure.subplots(len(QUANTITIES), 1, sharex=True)
+    time = np.array([row.time for row in rows])
+    for axes, (name, label) in zip(grid, QUANTITIES.items(), strict=True):
+        value, sigma, truth = (
+            np.array([getattr(row, field) for row in rows])
+            for field in (name, f"{name}_stddev", f"true_{name}"))
         for factor, opacity in ((2, 0.13), (1, 0.25)):
             axes.fill_between(
                 time, value - factor * sigma, value + factor * sigma, color=OURS, alpha=opacity,

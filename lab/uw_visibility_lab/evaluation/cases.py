@@ -34,13 +34,12 @@ from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.observations import Envelopes
 from uw_visibility_lab.evaluation import baselines, mccnn, metrics
 from uw_visibility_lab.evaluation.degrade import (
-    Scene,
     fill_from_background,
     recover_radiance,
     sensor_of,
 )
+from uw_visibility_lab.evaluation.metrics import Reliability
 from uw_visibility_lab.evaluation.readings import Reader, Reading, Truth
-from uw_visibility_lab.evaluation.reliability import Reliability
 from uw_visibility_lab.evaluation.scenes import SceneSource, search_limit, tolerance
 from uw_visibility_lab.evaluation.tables import flat
 
@@ -194,7 +193,7 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
         correct={name: metrics.correct_fraction(disparities[name], *known) for name in MATCHES},
         wrong={name: metrics.bad_fraction(disparities[name], *known) for name in MATCHES},
         colour_difference={
-            name: metrics.mean_colour_difference(images[name], scene.left)
+            name: float(metrics.colour_difference(images[name], scene.left).mean())
             if name in images else float("nan")
             for name in IMAGES
         },
@@ -214,7 +213,8 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
 class _Bench:
     """Rig, pipeline and estimators that serve all cases of a scene."""
 
-    def __init__(self, scene: Scene, config: PipelineConfig) -> None:
+    def __init__(self, source: SceneSource, config: PipelineConfig) -> None:
+        scene = source.load()
         self.disparities = config.stereo.max_disparity + 1
         if config.stereo.max_disparity == 0:
             self.disparities = search_limit(scene)
@@ -245,9 +245,7 @@ class _Bench:
         return {name: readings[name] for name in READINGS}
 
 
-@lru_cache(maxsize=1)
-def _bench(source: SceneSource, config: PipelineConfig) -> _Bench:
-    return _Bench(source.load(), config)
+_bench = lru_cache(maxsize=1)(_Bench)
 
 
 def _thumbnail(image: Image8) -> Image8:

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -147,7 +146,6 @@ def recover_radiance(
     range_map: RangeMap,
     water: Water,
     transfer: str = "linear",
-    max_gain: float = math.inf,
 ) -> NDArray[np.float32]:
     """Radiance recovery as numbers, neither clipped nor quantised (eq. 8).
 
@@ -156,7 +154,7 @@ def recover_radiance(
 
     image: (H, W, C) or (H, W), uint8, uint16 or float32, which is irradiance 0..1. range_map:
     (H, W), m. water: one attenuation and ambient light for each channel, see `Restorer.restore`.
-    transfer: linear or srgb. max_gain: limit of e^(βd).
+    transfer: linear or srgb.
     """
 
     def values(of_channels: ArrayLike) -> Array:
@@ -165,7 +163,7 @@ def recover_radiance(
 
     irradiance = to_linear(image, transfer).astype(np.float64)
     distance = range_map.reshape(range_map.shape + (1,) * (image.ndim - 2))
-    gain = np.minimum(contrast_gain(values(water.attenuation), distance), max_gain)
+    gain = contrast_gain(values(water.attenuation), distance)
     veil, light = values(water.ambient_light), values(scene_light_of(water))
     return np.asarray(radiance_of(irradiance, gain, veil, light), dtype=np.float32)
 

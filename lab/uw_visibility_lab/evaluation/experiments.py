@@ -16,8 +16,8 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import check_range
 from uw_visibility_lab.evaluation.cases import Case, CaseResult, evaluate_case
 from uw_visibility_lab.evaluation.degrade import sensor_of
+from uw_visibility_lab.evaluation.metrics import Reliability
 from uw_visibility_lab.evaluation.parallel import Progress, run_cases
-from uw_visibility_lab.evaluation.reliability import Reliability
 from uw_visibility_lab.evaluation.scenes import SceneSource
 from uw_visibility_lab.simulation.camera import NOISELESS
 
@@ -50,7 +50,6 @@ class Plan:
     noises: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Validate the waters and sort the grid."""
         for name, unit, largest in (
             ("attenuations", "1/m", LARGEST_ATTENUATION), ("depths", "m", LARGEST_DEPTH),
         ):

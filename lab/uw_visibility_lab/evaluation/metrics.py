@@ -4,10 +4,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uw_visibility.images.arrays import Array, DisparityMap
+from uw_visibility.images.arrays import Array, DisparityMap, Map
 from uw_visibility.optics.transfer import to_linear
 
 # Linear sRGB to CIE XYZ under D65, IEC 61966-2-1.
@@ -16,6 +20,9 @@ XYZ_OF_RGB = np.array(
 )
 # CIE 15: constants of CIE 1976 L*a*b*.
 LAB_EDGE = 6 / 29
+
+BINS = 10
+"""Of confidence, from 0 to 1."""
 
 
 def lab(image: NDArray[np.generic], transfer: str = "srgb") -> Array:
@@ -37,11 +44,6 @@ def lab(image: NDArray[np.generic], transfer: str = "srgb") -> Array:
 def colour_difference(first: NDArray[np.generic], second: NDArray[np.generic]) -> Array:
     """CIE 1976 colour difference ΔE*ab of each pixel, see `lab`; 2.3 is just noticeable."""
     return np.asarray(np.linalg.norm(lab(first) - lab(second), axis=-1))
-
-
-def mean_colour_difference(first: NDArray[np.generic], second: NDArray[np.generic]) -> float:
-    """Mean of `colour_difference` over the image."""
-    return float(colour_difference(first, second).mean())
 
 
 def matched_fraction(disparity: DisparityMap) -> float:
@@ -80,3 +82,59 @@ def fraction_within(errors: ArrayLike, sigmas: float) -> float:
     """Share of normalised errors within so many standard deviations; NaN if there are none."""
     values = np.abs(np.asarray(errors, dtype=np.float64))
     return float((values <= sigmas).mean()) if values.size else float("nan")
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """Matched pixels with known truth in bins of confidence.
+
+    Where confidence and the share of right disparities agree in every bin, confidence is
+    calibrated (Murphy and Winkler, 1977, doi:10.2307/2346866).
+    """
+
+    pixels: NDArray[np.int64]  # (BINS,); their number
+    confidence: Array  # (BINS,); sum of their confidence
+    right: NDArray[np.int64]  # (BINS,); those whose disparity is right
+
+    @classmethod
+    def of(
+        cls, disparity: DisparityMap, confidence: Map,
+        truth: DisparityMap, tolerance: float,
+    ) -> Reliability:
+        """Count the pixels with matched and true disparity, px, by confidence (0 .. 1)."""
+        counted = np.isfinite(disparity) & np.isfinite(truth)
+        rated = confidence[counted].astype(np.float64)
+        right = np.abs(disparity[counted] - truth[counted]) <= tolerance
+        place = np.clip((rated * BINS).astype(np.int64), 0, BINS - 1)
+        return cls(
+            np.bincount(place, minlength=BINS),
+            np.asarray(np.bincount(place, rated, BINS), np.float64),
+            np.bincount(place[right], minlength=BINS),
+        )
+
+    @classmethod
+    def total(cls, parts: Iterable[Reliability]) -> Reliability:
+        """Return the sum of several."""
+        sums = cls(np.zeros(BINS, np.int64), np.zeros(BINS), np.zeros(BINS, np.int64))
+        for part in parts:
+            sums = cls(
+                sums.pixels + part.pixels, sums.confidence + part.confidence,
+                sums.right + part.right)
+        return sums
+
+    @property
+    def expected_error(self) -> float:
+        """Mean difference of confidence and right share over the pixels; NaN without any."""
+        pixels = self.pixels.sum()
+        return float(np.abs(self.confidence - self.right).sum() / pixels) if pixels else np.nan
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a row for each bin with pixels: mean confidence, right share, part of all."""
+        return [
+            {
+                "confidence": self.confidence[k] / self.pixels[k],
+                "right": self.right[k] / self.pixels[k],
+                "part": self.pixels[k] / self.pixels.sum(),
+            }
+            for k in np.flatnonzero(self.pixels)
+        ]

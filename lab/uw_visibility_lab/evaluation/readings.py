@@ -39,30 +39,18 @@ class Truth:
 
     @classmethod
     def of_water(
-        cls,
-        attenuation: ArrayLike,
-        ambient_light: ArrayLike,
-        clear_water_attenuation: ArrayLike,
-        depth: float,
-        contrast: float,
+        cls, attenuation: ArrayLike, ambient_light: ArrayLike, clear_water_attenuation: ArrayLike,
+        depth: float, contrast: float,
     ) -> Truth:
         """Derive everything from β, I∞ and κ, with the visible contrast of eq. 11."""
         beta = np.asarray(attenuation, dtype=np.float64)
         return cls(
-            mean_attenuation=float(np.mean(beta - np.asarray(clear_water_attenuation))),
-            depth=depth,
-            attenuation=triple(beta),
-            ambient_light=triple(ambient_light),
-            distance=visibility_distance(float(beta.min()), contrast),
-        )
+            float(np.mean(beta - np.asarray(clear_water_attenuation))), depth, triple(beta),
+            triple(ambient_light), visibility_distance(float(beta.min()), contrast))
 
     @classmethod
     def of_clear_water_and_particles(
-        cls,
-        mean_attenuation: float,
-        depth: float,
-        clear_water_attenuation: Array,
-        contrast: float,
+        cls, mean_attenuation: float, depth: float, clear_water_attenuation: Array, contrast: float,
     ) -> Truth:
         """Water as `degrade` makes it: β = κ + α, and T·I0 = 1 (eq. 2 and 3)."""
         beta = clear_water_attenuation + mean_attenuation
@@ -94,19 +82,12 @@ class Reading:
     def of(cls, estimate: WaterEstimate, visibility: Visibility) -> Reading:
         """Reading of an estimate and its assessment."""
         return cls(
-            status=str(estimate.status),
-            distance_status=str(visibility.status),
-            depth_status=str(visibility.depth_status),
-            attenuation=triple(estimate.attenuation),
-            attenuation_stddev=triple(estimate.attenuation_stddev),
-            ambient_light=triple(estimate.ambient_light),
-            ambient_light_stddev=triple(estimate.ambient_light_stddev),
-            mean_attenuation=visibility.mean_attenuation,
-            mean_attenuation_stddev=visibility.mean_attenuation_stddev,
-            distance=visibility.distance,
-            distance_stddev=visibility.distance_stddev,
-            depth=visibility.depth,
-            depth_stddev=visibility.depth_stddev,
+            str(estimate.status), str(visibility.status), str(visibility.depth_status),
+            triple(estimate.attenuation), triple(estimate.attenuation_stddev),
+            triple(estimate.ambient_light), triple(estimate.ambient_light_stddev),
+            visibility.mean_attenuation, visibility.mean_attenuation_stddev,
+            visibility.distance, visibility.distance_stddev,
+            visibility.depth, visibility.depth_stddev,
         )
 
     @classmethod

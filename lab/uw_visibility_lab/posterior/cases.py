@@ -8,14 +8,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Array
-from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility.images.files import read_image
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility_lab.evaluation.lamps.cases import clear_water
 from uw_visibility_lab.posterior.judge import Case, LampCase
 from uw_visibility_lab.tracer.files import TRUTH
 from uw_visibility_lab.tracer.files import load as load_traced
@@ -62,7 +62,7 @@ def traced(folder: Path, seed: int = 0) -> Iterator[Case]:
         noise = np.random.default_rng((seed, index)).normal(0.0, 1.0, scene.image.shape)
         codes = np.clip(np.rint(scene.image * 255.0 + noise), 0, 255).astype(np.uint8)
         yield Case(
-            codes, scene.ranges.astype(np.float32), 0.0, "linear", usual_clear_water(),
+            codes, scene.ranges.astype(np.float32), 0.0, "linear", clear_water(PipelineConfig()),
             scene.attenuation, place.name)
 
 
@@ -80,30 +80,24 @@ def traced_scenes(folder: Path) -> list[Path]:
     return found
 
 
-def sea(folder: Path, transfer: str = "linear") -> Iterator[Case]:
+def sea(folder: Path) -> Iterator[Case]:
     """Frames of FLSea with their ranges; their water is not known."""
     frames = sorted(folder.glob("[0-9][0-9][0-9][0-9].png"))
     if not frames:
         raise InputError(f"{folder} holds no frames: give the folder with NNNN.png, NNNN_depth.png")
     for path in frames:
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-        z = cv2.imread(str(path.with_name(f"{path.stem}_depth.png")), cv2.IMREAD_UNCHANGED)
-        if image is None or z is None or z.ndim != 2:
-            raise InputError(f"{path} or its depth cannot be read: give PNG files")
+        image, z = read_image(path), read_image(path.with_name(f"{path.stem}_depth.png"))
+        if z.ndim != 2:
+            raise InputError(f"the depth of {path} has colours: give Z in mm")
         yield Case(
-            np.ascontiguousarray(image[..., ::-1]), _along_the_ray(z.astype(np.float32) / 1000.0),
-            0.0, transfer, usual_clear_water(), None, path.stem)
+            image, _along_the_ray(z.astype(np.float32) / 1000.0), 0.0, "linear",
+            clear_water(PipelineConfig()), None, path.stem)
 
 
 def halves(case: Case) -> tuple[Case, Case]:
     """Return the left and the right half of a case, which show the same water."""
     middle = case.image.shape[1] // 2
     return _part(case, slice(None, middle), "left"), _part(case, slice(middle, None), "right")
-
-
-def usual_clear_water() -> Array:
-    """(3,): κ of the default camera, 1/m."""
-    return clear_water_attenuation(load_response(PipelineConfig().camera.response))
 
 
 def _part(case: Case, columns: slice, name: str) -> Case:
@@ -115,7 +109,5 @@ def _part(case: Case, columns: slice, name: str) -> Case:
 def _along_the_ray(z: NDArray[np.float32]) -> NDArray[np.float32]:
     """Range along the line of sight from Z, m; NaN where Z is 0."""
     height, width = z.shape
-    u = (np.arange(width) - (width - 1) / 2) / SEA_FOCAL_LENGTH
-    v = (np.arange(height) - (height - 1) / 2) / SEA_FOCAL_LENGTH
-    ranges = z * np.sqrt(1.0 + u**2 + v[:, np.newaxis] ** 2)
-    return np.where(z > 0, ranges, np.nan).astype(np.float32)
+    rig = StereoRig(SEA_FOCAL_LENGTH, 1.0, ((width - 1) / 2, (height - 1) / 2))
+    return np.where(z > 0, z * rig.ray_lengths(z.shape), np.float32(np.nan))

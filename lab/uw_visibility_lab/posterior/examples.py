@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from uw_visibility.config.files import write_whole
 from uw_visibility.errors import InputError
 from uw_visibility.images.view import View as CameraView
-from uw_visibility.water.blocks import BLOCKS_KEPT, reduce_to_blocks, stacked, thinned
+from uw_visibility.water.blocks import BLOCKS_KEPT, Blocks, reduce_to_blocks, stacked, thinned
 from uw_visibility.water.daylight.statistics import (
     BINS,
     OF_BIN,
@@ -38,47 +38,36 @@ Row = tuple[Statistics, NDArray[np.float32], bool, bool]
 
 
 class Examples(NamedTuple):
-    """Statistics and truth of N views.
+    """Statistics and truth of N views, float32."""
 
-    Attributes
-    ----------
-    of_bins : (N, 3, BINS, OF_BIN) float32 ndarray
-    of_tiles : (N, 5, TILES, BINS) float32 ndarray
-    of_channels : (N, 3, OF_CHANNEL) float32 ndarray
-    of_image : (N, OF_IMAGE) float32 ndarray
-    truth : (N, 3, 3) float32 ndarray
-        For each channel ln βd̃, ln B/b̂, ln W/b̂: see `network`.
-    other_curve : (N,) bool ndarray
-        Whether the camera's curve is another than the one that is told.
-    lamps : (N,) bool ndarray
-        Whether lamps light the view instead of daylight: veil and light have no truth then.
-    """
-
-    of_bins: NDArray[np.float32]
-    of_tiles: NDArray[np.float32]
-    of_channels: NDArray[np.float32]
-    of_image: NDArray[np.float32]
-    truth: NDArray[np.float32]
+    of_bins: NDArray[np.float32]  # (N, 3, BINS, OF_BIN)
+    of_tiles: NDArray[np.float32]  # (N, 5, TILES, BINS)
+    of_channels: NDArray[np.float32]  # (N, 3, OF_CHANNEL)
+    of_image: NDArray[np.float32]  # (N, OF_IMAGE)
+    truth: NDArray[np.float32]  # (N, 3, 3); ln βd̃, ln B/b̂, ln W/b̂ by channel: see `network`
+    # (N,); whether the camera's curve is another than the one that is told
     other_curve: NDArray[np.bool_]
+    # (N,); whether lamps light the view instead of daylight: veil and light have no truth then
     lamps: NDArray[np.bool_]
+
+
+def blocks_of(view: View) -> Blocks:
+    """Blocks of a drawn view, as the estimator takes them."""
+    samples = CameraView.of(view.image, view.transfer).colour
+    assert samples is not None
+    return reduce_to_blocks(samples, view.ranges, None)
 
 
 def statistics_of(view: View) -> Statistics | None:
     """Statistics of a drawn view, as the estimator takes them."""
-    samples = CameraView.of(view.image, view.transfer).colour
-    assert samples is not None
-    return summarise(
-        reduce_to_blocks(samples, view.ranges, None), view.range_error, view.clear_water)
+    return summarise(blocks_of(view), view.range_error, view.clear_water)
 
 
 def statistics_of_survey(rng: np.random.Generator, views: Sequence[View]) -> Statistics | None:
     """Statistics of frames as those of one image, at the exposure of the first."""
-    blocks = []
-    for view in views:
-        samples = CameraView.of(view.image, view.transfer).colour
-        assert samples is not None
-        gain = views[0].light / view.light * belief(rng, "survey.gain_error")
-        blocks.append((thinned(reduce_to_blocks(samples, view.ranges, None), BLOCKS_KEPT), gain))
+    blocks = [
+        (thinned(blocks_of(view), BLOCKS_KEPT),
+         views[0].light / view.light * belief(rng, "survey.gain_error")) for view in views]
     return summarise(stacked(blocks), views[0].range_error, views[0].clear_water)
 
 

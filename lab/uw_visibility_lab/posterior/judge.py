@@ -3,7 +3,8 @@
 """One table for any estimator of water: what it tells, how far off it is, how well it knows.
 
 A case is an image with ranges and, but for frames of the sea, its true attenuation. Each kind of
-case is a row, so that no figure stands for a world it was not measured in.
+case is a row, so that no figure stands for a world it was not measured in. The package's own
+estimators, by day and under lamps, are among those that are judged.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,9 +21,18 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from uw_visibility.config.lighting import LightingConfig
+from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.config.water import WaterConfig
 from uw_visibility.images.arrays import Array
+from uw_visibility.images.view import View
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.status import Status
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.water.daylight import network
+from uw_visibility.water.daylight.estimation import WaterEstimator
+from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.lamps.estimation import LampEstimator
+from uw_visibility.water.meaning.assessment import Assessor
 
 # A distance that is longer than the true one by this factor is too long, and so for too short.
 FACTOR = 1.2
@@ -29,6 +40,8 @@ FACTOR = 1.2
 WIDEST_INTERVAL = 2.5
 # Contrast that an observer distinguishes (eq. 11).
 CONTRAST = 0.05
+# Of each channel, where no distance is told.
+NOTHING = np.full(3, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,21 +67,14 @@ class LampCase(Case):
 
 @dataclass(frozen=True)
 class Answer:
-    """What an estimator says of a case.
+    """What an estimator says of a case."""
 
-    Attributes
-    ----------
-    status : str
-        ``"ok"`` or why not.
-    log_attenuation, stddev : (3,) float64 ndarray
-        Mean and standard deviation of ln β; NaN where not told.
-    log_distance, distance_stddev : float
-        Of the logarithm of the visibility distance but for a constant: −ln min β.
-    """
-
-    status: str
+    status: str  # ``"ok"`` or why not
+    # log_attenuation, stddev: (3,); mean and standard deviation of ln β; NaN where not told
     log_attenuation: Array
     stddev: Array
+    # log_distance, distance_stddev: of the logarithm of the visibility distance but for a
+    # constant: −ln min β
     log_distance: float = math.nan
     distance_stddev: float = math.nan
 
@@ -85,42 +91,22 @@ Estimator = Callable[[Any], Answer]
 
 @dataclass(frozen=True)
 class Row:
-    """The table's row of one kind of cases; parts are of those told, 0..1.
+    """The table's row of one kind of cases; parts are of those told, 0..1."""
 
-    Attributes
-    ----------
-    cases, told : int
-        Number, and part with a distance.
-    error, distance_error : float
-        Root mean square of the error of ln β (all channels told) and of ln distance.
-    score : float
-        Root mean square of the distance's error over its told deviation: 1 is right.
-    within : tuple of float
-        Part of the distances within 1, 2, 3 deviations.
-    beyond : float
-        Part of the cases with any β or the distance beyond 3 deviations.
-    too_long, too_short : float
-        Part by more than a fifth.
-    low_above : float
-        Part of the intervals (16 to 84 %) whose lower end is above the truth: .16 is right.
-    crps : float
-        Mean continuous ranked probability score of ln distance.
-    milliseconds : float
-        Median time.
-    """
-
-    cases: int
-    told: float
+    cases: int  # number
+    told: float  # part with a distance
+    # error, distance_error: root mean square of the error of ln β (all channels told) and of ln
+    # distance
     error: float
     distance_error: float
-    score: float
-    within: tuple[float, float, float]
-    beyond: float
-    too_long: float
+    score: float  # root mean square of the distance's error over its told deviation: 1 is right
+    within: tuple[float, float, float]  # part of the distances within 1, 2, 3 deviations
+    beyond: float  # part of the cases with any β or the distance beyond 3 deviations
+    too_long: float  # too_long, too_short: part by more than a fifth
     too_short: float
-    low_above: float
-    crps: float
-    milliseconds: float
+    low_above: float  # part of the intervals (16 to 84 %) whose lower end is above the truth
+    crps: float  # mean continuous ranked probability score of ln distance
+    milliseconds: float  # median time
 
 
 def judge(estimator: Estimator, cases: Iterable[Case]) -> Row:
@@ -155,7 +141,7 @@ def judge(estimator: Estimator, cases: Iterable[Case]) -> Row:
         milliseconds=float(np.median(times)))
 
 
-def flips(estimator: Estimator, cases: Sequence[Case], seed: int = 0) -> tuple[float, float]:
+def flips(estimator: Estimator, cases: Sequence[Case]) -> tuple[float, float]:
     """What changes when nothing that matters does: ± 1 code, a row and column cut off, mirrored.
 
     Returns
@@ -168,7 +154,7 @@ def flips(estimator: Estimator, cases: Sequence[Case], seed: int = 0) -> tuple[f
     changed, moves = [], []
     for index, case in enumerate(cases):
         first = estimator(case)
-        rng = np.random.default_rng((seed, index))
+        rng = np.random.default_rng((0, index))
         top = np.iinfo(case.image.dtype).max
         noise = rng.integers(-1, 2, case.image.shape) * (1 if top == 255 else 257)
         noisy = np.clip(case.image.astype(np.int64) + noise, 0, top).astype(case.image.dtype)
@@ -224,3 +210,48 @@ def describe(answer: Answer) -> str:
     middle = visibility_distance(1.0, CONTRAST) * math.exp(answer.log_distance)
     low, high = (middle * math.exp(k * answer.distance_stddev) for k in (-1.0, 1.0))
     return f"{middle:6.1f} ({low:.1f} to {high:.1f}){'' if answer.told else ', ' + answer.status}"
+
+
+class OnBoard:
+    """The package's estimator; with other networks where they are given."""
+
+    def __init__(self, veil: str = "free", weights: Path | None = None) -> None:
+        self._config = WaterConfig(veil=veil)
+        self._daylight = Assessor.from_config(PipelineConfig()).daylight
+        self._network = None if weights is None else network.load(weights)
+
+    def __call__(self, case: Case) -> Answer:
+        """Estimate the water of a case."""
+        estimator = WaterEstimator(
+            self._config, case.clear_water, case.transfer, self._daylight, self._network)
+        found = estimator.estimate(case.image, case.ranges, range_error=case.range_error)
+        return answer_of(found)
+
+
+def under_lamps(case: LampCase) -> Answer:
+    """Estimate the water of a case by the package's estimator under lamps that are told."""
+    return answer_of(estimate_by_lamps(case))
+
+
+def estimate_by_lamps(case: LampCase) -> WaterEstimate:
+    """Estimate the water of a case by the lamps that are told."""
+    height, width = case.image.shape[:2]
+    rig = StereoRig(case.focal_length, 1.0, (0.5 * (width - 1), 0.5 * (height - 1)))
+    estimator = LampEstimator(WaterConfig(), case.lighting, case.clear_water, rig.rays_at)
+    return estimator.estimate_view(
+        View.of(case.image, case.transfer), case.ranges, range_error=case.range_error)
+
+
+def answer_of(found: WaterEstimate) -> Answer:
+    """What an estimate says of a case."""
+    attenuation, stddev = found.attenuation, found.attenuation_stddev
+    # As the assessment does: a distance needs every channel that has light.
+    if not np.isfinite(attenuation).any() or found.refused_in_light.any():
+        return Answer(found.status.value, NOTHING, NOTHING)
+    best = int(np.nanargmin(attenuation))
+    distance, width = -math.log(attenuation[best]), float(stddev[best] / attenuation[best])
+    if found.clearest is not None:
+        low, distance, high = (float(value) for value in found.clearest)
+        width = 0.5 * (high - low)
+    return Answer(
+        found.status.value, np.log(attenuation), stddev / attenuation, distance, width)

@@ -21,20 +21,17 @@ import numpy as np
 
 from uw_visibility.compute.blas import use_one_thread
 from uw_visibility.compute.processes import process_pool
+from uw_visibility.compute.threads import Workers
 from uw_visibility.config.lighting import LightingConfig
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.arrays import Array
 from uw_visibility.water.estimate import ONE_SIGMA
 from uw_visibility.water.lamps.nodes import Nodes
 from uw_visibility.water.lamps.posterior import FITTED, Fitted, infer
-from uw_visibility_lab.evaluation.lamps.cases import CAMERA, DEPTH, pose_of
-from uw_visibility_lab.posterior.cases import by_lamps, usual_clear_water
-from uw_visibility_lab.posterior.estimators import estimate_by_lamps
-from uw_visibility_lab.posterior.judge import LampCase
-from uw_visibility_lab.simulation.frame import Renderer
+from uw_visibility_lab.evaluation.lamps.cases import CAMERA, clear_water, render_reef
+from uw_visibility_lab.posterior.cases import by_lamps
+from uw_visibility_lab.posterior.judge import LampCase, estimate_by_lamps
 from uw_visibility_lab.simulation.lamps import Lighting, default_rig, lighting_parameters
-from uw_visibility_lab.simulation.scene import reef
-from uw_visibility_lab.simulation.water import Water
 from uw_visibility_lab.worlds.scenes import load_scene
 from uw_visibility_lab.worlds.scenes import pool as scenes_of
 
@@ -63,16 +60,14 @@ def reefs(number: int) -> Iterator[LampCase]:
     for index in range(number):
         rng = np.random.default_rng((SEED, index))
         lamps = default_rig(2 if index % 2 else 4)
-        renderer = Renderer(
-            CAMERA, lighting=Lighting(lamps, daylight=False, shaded=index % 4 < 2))
         seed = REEFS + index
-        frame = renderer.render(
-            reef(seed, length=1.0), pose_of(seed),
-            Water(math.exp(rng.uniform(math.log(0.05), math.log(0.4))), DEPTH), seed=seed)
+        frame = render_reef(
+            seed, Lighting(lamps, daylight=False, shaded=index % 4 < 2),
+            math.exp(rng.uniform(math.log(0.05), math.log(0.4))), Workers())
         config = PipelineConfig.from_parameters(lighting_parameters(lamps, daylight=False))
         yield LampCase(
             frame.left, CAMERA.rig.range_from_disparity(frame.disparity_left), 0.0,
-            config.camera.transfer, usual_clear_water(), frame.attenuation, f"reef {seed}",
+            config.camera.transfer, clear_water(config), frame.attenuation, f"reef {seed}",
             config.lighting, CAMERA.rig.focal_length)
 
 

@@ -15,12 +15,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from uw_visibility.images.arrays import Array
-from uw_visibility.images.view import View as CameraView
-from uw_visibility.water.blocks import reduce_to_blocks
-from uw_visibility.water.daylight.statistics import (
-    FEWEST_OF_WATER,
-    open_water_of,
-)
+from uw_visibility.water.daylight.statistics import FEWEST_OF_WATER, open_water_of
+from uw_visibility_lab.posterior.examples import blocks_of
 from uw_visibility_lab.worlds.draw import draw
 from uw_visibility_lab.worlds.scenes import load_scene
 from uw_visibility_lab.worlds.scenes import pool as scenes_of
@@ -37,10 +33,7 @@ def examples(pool: Path, views: int, seed: int) -> tuple[Array, Array]:
     for index in range(views):
         rng = np.random.default_rng((seed, index))
         view = draw(rng, load_scene(places[int(rng.integers(len(places)))]))
-        samples = CameraView.of(view.image, view.transfer).colour
-        assert samples is not None
-        blocks = reduce_to_blocks(samples, view.ranges, None)
-        water, ragged, width = open_water_of(blocks)
+        water, ragged, width = open_water_of(blocks_of(view))
         if water.sum() < FEWEST_OF_WATER:
             continue
         size = view.image.shape[0] // water.shape[0]

@@ -36,7 +36,6 @@ class StereoCamera:
     baseline: float = 0.12  # distance of the right camera from the left one in m
 
     def __post_init__(self) -> None:
-        """Validate size, focal length and baseline."""
         if not 8 <= min(self.width, self.height) <= max(self.width, self.height) <= LARGEST_SIDE:
             raise InputError(
                 f"image size is {self.width}x{self.height}: give from 8x8 up to "
@@ -85,7 +84,6 @@ class Sensor:
     read_noise: float = 20.0  # standard deviation of reading a pixel in electrons
 
     def __post_init__(self) -> None:
-        """Validate full well and read noise."""
         if not self.full_well > 0.0:
             raise InputError(f"full well is {self.full_well:g} electrons: give more than zero")
         check_range("read noise", self.read_noise, 0.0, unit="electrons")
@@ -132,7 +130,6 @@ class CameraEffects:
     jpeg: int = 0  # quality of JPEG compression, 1 .. 100; 0 leaves it out
 
     def __post_init__(self) -> None:
-        """Validate the effects."""
         if self.transfer not in ("linear", "srgb"):
             raise InputError(f"transfer is {self.transfer!r}: give linear or srgb")
         check_range("gains of white balance", self.white_balance, 0.0, 10.0, above=True)
@@ -170,7 +167,7 @@ class CameraEffects:
             image = np.clip(np.rint(codes), 0, 255).astype(np.uint8)
         else:
             image = np.asarray(from_linear(codes / 255.0, self.transfer, np.uint8), np.uint8)
-        return _compress(image, self.jpeg) if self.jpeg else image
+        return compress(image, self.jpeg) if self.jpeg else image
 
 
 def lens_falloff(shape: tuple[int, ...], loss: float) -> Map:
@@ -191,7 +188,8 @@ def interpolate_mosaic(codes: Map) -> Map:
     return cv2.cvtColor(sensed, cv2.COLOR_BayerBG2RGB).astype(np.float32) / np.float32(256.0)
 
 
-def _compress(image: Image8, quality: int) -> Image8:
+def compress(image: Image8, quality: int) -> Image8:
+    """Return an RGB image as JPEG of a quality, 1 .. 100, leaves it."""
     _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
     return np.asarray(decoded[..., ::-1], dtype=np.uint8, order="C")

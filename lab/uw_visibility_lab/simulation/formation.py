@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from uw_visibility.images.arrays import Array, Map
 from uw_visibility.optics import light_model
@@ -160,14 +159,35 @@ def effective_attenuation(ranges: Map, geometry: Geometry, water: Water) -> Arra
     few = (seen[0][::step], seen[1][::step])
     distance = ranges[few].astype(np.float64)
     transmission, _ = path_transmission(ranges[few][:, np.newaxis], geometry.at(few), water)
-    return np.array([_best_rate(distance, transmission[:, 0, c]) for c in range(3)])
+    return fit_attenuation(distance, transmission[:, 0])
 
 
-def _best_rate(distance: Array, transmission: Array) -> float:
-    def loss(rate: float) -> float:
-        return float(np.square(transmission - light_model.transmission(rate, distance)).sum())
+def fit_attenuation(
+    ranges: NDArray[np.floating], transmission: NDArray[np.floating]
+) -> Array:
+    """Least-squares β of transmissions, Σ (t − e^(−βd))², by Gauss-Newton steps.
 
-    local = -np.log(np.maximum(transmission, 1e-300)) / distance
-    bounds = (float(local.min()) * 0.999, float(local.max()) * 1.001 + 1e-9)
-    return float(minimize_scalar(loss, bounds=bounds, method="bounded",
-                                 options={"xatol": 1e-9}).x)
+    Parameters
+    ----------
+    ranges : (n,) ndarray
+        m.
+    transmission : (n, C) ndarray
+        0..1.
+
+    Returns
+    -------
+    (C,) float64 ndarray
+        1/m.
+    """
+    d = np.asarray(ranges, np.float64)[:, np.newaxis]
+    seen = np.asarray(transmission, np.float64)
+    rate = np.maximum(-np.log(np.maximum(seen, 1e-12)) / d, 1e-9)
+    # Between the least and the largest of the pixels' own.
+    low, high = rate.min(0), rate.max(0)
+    beta = np.median(rate, axis=0)
+    for _ in range(12):
+        model = np.exp(-beta * d)
+        slope = -d * model
+        gain = (slope * (seen - model)).sum(0) / np.maximum((slope * slope).sum(0), 1e-300)
+        beta = np.clip(beta + gain, low, high)
+    return np.asarray(beta)

@@ -16,7 +16,7 @@ from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility_lab.simulation.camera import CameraEffects, Pose, Sensor, StereoCamera
 from uw_visibility_lab.simulation.effects import add_caustics, drifting_particles, marine_snow
 from uw_visibility_lab.simulation.formation import Geometry, effective_attenuation, form_image
-from uw_visibility_lab.simulation.lamp_image import (
+from uw_visibility_lab.simulation.lamp_light import (
     CameraView,
     add_lit_snow,
     check_water,
@@ -38,7 +38,6 @@ class Effects:
     snow_brightness: float = 1.0  # radiance of the particles, where open water's is 1
 
     def __post_init__(self) -> None:
-        """Refuse shares that are none."""
         check_range("share of marine snow", self.marine_snow, 0.0, 0.5)
         check_range("strength of caustics", self.caustics, 0.0, 1.0)
         check_range("brightness of marine snow", self.snow_brightness, 0.0, 20.0)

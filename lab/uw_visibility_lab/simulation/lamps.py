@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uw_visibility.config.lighting import beam_falloff
+from uw_visibility.config.lighting import MOST_LAMPS
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.images.arrays import Array
+from uw_visibility_lab.simulation.camera import Triple
 from uw_visibility_lab.simulation.phase_functions import HENYEY_GREENSTEIN, phase_table
-
-Triple = tuple[float, float, float]
 
 BEAM = 90.0
 """Full angle of a floodlight's beam at half power, degrees."""
@@ -26,7 +25,6 @@ POWER = 1.0
 surface, as a strobe's within a short exposure."""
 
 STROBES = ("steady", "alternate")
-MOST_LAMPS = 16
 
 # Left camera's optical frame, m: beside and above cameras 0.12 m apart, and beside and
 # below them; all point a little inwards.
@@ -59,7 +57,6 @@ class Lamp:
     power: Triple = (POWER, POWER, POWER)
 
     def __post_init__(self) -> None:
-        """Validate the lamp."""
         if not np.isfinite(self.position).all():
             raise InputError(f"position of a lamp is {_listed(self.position)} m: give numbers")
         if not (np.isfinite(self.direction).all() and np.linalg.norm(self.direction) > 1e-9):
@@ -85,11 +82,6 @@ class Lamp:
         red, green, blue = (np.asarray(factor) * self.power).tolist()
         return replace(self, power=(red, green, blue))
 
-    @property
-    def falloff(self) -> float:
-        """Coefficient k of the beam's shape e^(−kθ²), 1/rad²; 0 = the same everywhere."""
-        return beam_falloff(self.beam_angle)
-
 
 @dataclass(frozen=True)
 class Lighting:
@@ -109,7 +101,6 @@ class Lighting:
     jitter: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validate the lighting."""
         check_range("number of lamps", len(self.lamps), 0, MOST_LAMPS)
         if not self.lamps and not self.daylight:
             raise InputError("there is neither daylight nor a lamp: give lamps for a night")

@@ -17,6 +17,7 @@ from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility_lab.simulation.noise import fractal_noise, smoothstep, value_noise
 from uw_visibility_lab.simulation.scene import BLOCK, SPACING, Scene
+from uw_visibility_lab.simulation.shapes import meet_shape, shape_normal
 
 NOTHING = -2
 FLOOR = -1
@@ -103,72 +104,14 @@ def _block(
 
 
 @njit(nogil=True, error_model="numpy")
-def ellipsoid_distance(centre: Any, axes: Any, eye: Any, dx: float, dy: float, dz: float) -> float:
-    """Return the distance to an ellipsoid along a unit ray, or inf."""
-    ex, ey, ez = eye[0] - centre[0], eye[1] - centre[1], eye[2] - centre[2]
-    a = b = 0.0
-    c = -1.0
-    for k in range(3):
-        p = axes[k, 0] * ex + axes[k, 1] * ey + axes[k, 2] * ez
-        q = axes[k, 0] * dx + axes[k, 1] * dy + axes[k, 2] * dz
-        a += q * q
-        b += p * q
-        c += p * p
-    discriminant = b * b - a * c
-    if discriminant < 0.0:
-        return math.inf
-    t = (-b - math.sqrt(discriminant)) / a
-    return t if t > 0.0 else math.inf
-
-
-@njit(nogil=True, error_model="numpy")
-def capsule_distance(capsule: Any, eye: Any, dx: float, dy: float, dz: float) -> float:
-    """Return the distance to a capsule along a unit ray, or inf."""
-    ax, ay, az = capsule[3] - capsule[0], capsule[4] - capsule[1], capsule[5] - capsule[2]
-    ox, oy, oz = eye[0] - capsule[0], eye[1] - capsule[1], eye[2] - capsule[2]
-    aa = ax * ax + ay * ay + az * az
-    ad = ax * dx + ay * dy + az * dz
-    ao = ax * ox + ay * oy + az * oz
-    od = ox * dx + oy * dy + oz * dz
-    oo = ox * ox + oy * oy + oz * oz
-    squared = capsule[6] * capsule[6]
-    a = aa - ad * ad
-    b = aa * od - ao * ad
-    c = aa * oo - ao * ao - squared * aa
-    if a > 1e-12 * aa:
-        discriminant = b * b - a * c
-        if discriminant < 0.0:
-            return math.inf
-        t = (-b - math.sqrt(discriminant)) / a
-        along = ao + t * ad
-    else:
-        # Along the axis: the ray comes to the ball at the end it starts from.
-        along = -1.0 if ad > 0.0 else 2.0 * aa
-    if along < 0.0 or along > aa:
-        # Beyond an end: the ray may meet the ball there.
-        if along > aa:
-            od -= ad
-            oo += aa - 2.0 * ao
-        discriminant = od * od - (oo - squared)
-        if discriminant < 0.0:
-            return math.inf
-        t = -od - math.sqrt(discriminant)
-    return t if t > 0.0 else math.inf
-
-
-@njit(nogil=True, error_model="numpy")
 def nearest(
     scene: Scene, candidates: Any, eye: Any, dx: float, dy: float, dz: float, limit: float
 ) -> tuple[float, int]:
     """Nearest intersection of a ray: its distance, and the shape."""
     best = floor_distance(scene, eye, dx, dy, dz, limit)
     hit = FLOOR if best < math.inf else NOTHING
-    centres, axes = scene.ellipsoid_centres, scene.ellipsoid_axes
     for index in candidates:
-        if index < len(centres):
-            t = ellipsoid_distance(centres[index], axes[index], eye, dx, dy, dz)
-        else:
-            t = capsule_distance(scene.capsules[index - len(centres)], eye, dx, dy, dz)
+        t = meet_shape(scene.shapes[index], eye[0], eye[1], eye[2], dx, dy, dz)
         if t < best and t < limit:
             best = t
             hit = index
@@ -214,35 +157,15 @@ def surface_normal(
     scene: Scene, hit: int, px: float, py: float, pz: float
 ) -> tuple[float, float, float]:
     """Return the outward unit normal at a point of the floor or of a shape."""
-    heights, centres = scene.heights, scene.ellipsoid_centres
-    if hit == FLOOR:
-        column, row = (px - scene.origin[0]) / SPACING, (py - scene.origin[1]) / SPACING
-        nx = bilinear(heights, column - 0.7, row) - bilinear(heights, column + 0.7, row)
-        ny = bilinear(heights, column, row - 0.7) - bilinear(heights, column, row + 0.7)
-        nz = 1.4 * SPACING
-    elif hit < len(centres):
-        nx = ny = nz = 0.0
-        ex, ey, ez = px - centres[hit, 0], py - centres[hit, 1], pz - centres[hit, 2]
-        m = scene.ellipsoid_axes[hit]
-        for k in range(3):
-            p = m[k, 0] * ex + m[k, 1] * ey + m[k, 2] * ez
-            nx += m[k, 0] * p
-            ny += m[k, 1] * p
-            nz += m[k, 2] * p
-    else:
-        nx, ny, nz = capsule_normal(scene.capsules[hit - len(centres)], px, py, pz)
+    if hit != FLOOR:
+        return shape_normal(scene.shapes[hit], px, py, pz)
+    heights = scene.heights
+    column, row = (px - scene.origin[0]) / SPACING, (py - scene.origin[1]) / SPACING
+    nx = bilinear(heights, column - 0.7, row) - bilinear(heights, column + 0.7, row)
+    ny = bilinear(heights, column, row - 0.7) - bilinear(heights, column, row + 0.7)
+    nz = 1.4 * SPACING
     length = math.sqrt(nx * nx + ny * ny + nz * nz)
     return nx / length, ny / length, nz / length
-
-
-@njit(nogil=True, error_model="numpy")
-def capsule_normal(capsule: Any, px: float, py: float, pz: float) -> tuple[float, float, float]:
-    """Return the direction from a capsule's axis to a point."""
-    ax, ay, az = capsule[3] - capsule[0], capsule[4] - capsule[1], capsule[5] - capsule[2]
-    ex, ey, ez = px - capsule[0], py - capsule[1], pz - capsule[2]
-    along = (ex * ax + ey * ay + ez * az) / (ax * ax + ay * ay + az * az)
-    along = min(max(along, 0.0), 1.0)
-    return ex - along * ax, ey - along * ay, ez - along * az
 
 
 @njit(nogil=True, error_model="numpy")

@@ -19,6 +19,13 @@ from numpy.typing import NDArray
 from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array
 from uw_visibility_lab.simulation.noise import fractal_noise, noise_lattice
+from uw_visibility_lab.simulation.shapes import (
+    CAPSULE,
+    ELLIPSOID,
+    SHAPE_COLUMNS,
+    axes_along,
+    shape_row,
+)
 
 SPACING = 0.04
 """Distance of the height field's samples in m."""
@@ -40,12 +47,8 @@ class Scene(NamedTuple):
     # of 16 x 16 samples
     block_highest: NDArray[np.float32]
     block_steepest: NDArray[np.float32]
-    ellipsoid_centres: Array  # (n, 3); centres in m
-    ellipsoid_axes: Array  # (n, 3, 3); maps an offset from the centre to the unit sphere, in 1/m
-    capsules: Array  # (m, 7); both ends and the radius in m
-    # (n + m, 4); centre and radius of a sphere around each ellipsoid, then each capsule
-    bounds: Array
-    # (n + m, 8); light colour, dark colour (linear RGB reflectance), texture's cell size in m and
+    shapes: Array  # (n, SHAPE_COLUMNS); ellipsoids and capsules, m
+    # (n, 8); light colour, dark colour (linear RGB reflectance), texture's cell size in m and
     # width of its dark grooves
     appearance: Array
     texture: float  # 1 for natural textures; 0 gives every surface one grey
@@ -68,11 +71,8 @@ _CORALS = (
 class _Builder:
     """Collects shapes."""
 
-    centres: list[Array] = field(default_factory=list)
-    axes: list[Array] = field(default_factory=list)
-    ellipsoid_looks: list[tuple[float, ...]] = field(default_factory=list)
-    capsules: list[Array] = field(default_factory=list)
-    capsule_looks: list[tuple[float, ...]] = field(default_factory=list)
+    shapes: list[Array] = field(default_factory=list)
+    looks: list[tuple[float, ...]] = field(default_factory=list)
     shadows: list[tuple[float, float, float, float]] = field(default_factory=list)
 
     def ellipsoid(
@@ -80,14 +80,15 @@ class _Builder:
         look: tuple[float, ...],
     ) -> None:
         """Add an ellipsoid; the rotation's rows are its axes."""
-        self.centres.append(centre)
-        self.axes.append(rotation / np.array(radii)[:, np.newaxis])
-        self.ellipsoid_looks.append(look)
+        self.shapes.append(shape_row(ELLIPSOID, centre, radii, rotation))
+        self.looks.append(look)
 
     def capsule(self, start: Array, end: Array, radius: float, look: tuple[float, ...]) -> None:
         """Add a capsule."""
-        self.capsules.append(np.concatenate([start, end, [radius]]))
-        self.capsule_looks.append(look)
+        half = (radius, radius, float(np.linalg.norm(end - start)) / 2)
+        self.shapes.append(
+            shape_row(CAPSULE, (start + end) / 2, half, axes_along(*(end - start))))
+        self.looks.append(look)
 
     def shadow(self, x: float, y: float, radius: float, strength: float) -> None:
         """Darken the floor around a point."""
@@ -115,11 +116,12 @@ def reef(seed: int = 0, length: float = 10.0, view: float = 30.0) -> Scene:
     return _finish(builder, lattice, heights, origin)
 
 
-def flat_floor(seed: int = 0, *, size: float = 12.0, texture: float = 1.0) -> Scene:
-    """Make a flat floor around the origin, its width in m; from above it is a flat wall.
+def flat_floor(seed: int = 0, *, texture: float = 1.0) -> Scene:
+    """Make a flat floor of 12 m around the origin; from above it is a flat wall.
 
     texture: 1 for natural texture, 0 for none.
     """
+    size = 12.0
     samples = int(size / SPACING)
     heights = np.zeros((samples, samples), np.float32)
     origin = (-size / 2, -size / 2)
@@ -246,13 +248,7 @@ def _finish(
     origin: tuple[float, float],
     texture: float = 1.0,
 ) -> Scene:
-    centres = np.array(builder.centres).reshape(-1, 3)
-    axes = np.array(builder.axes).reshape(-1, 3, 3)
-    capsules = np.array(builder.capsules).reshape(-1, 7)
-    radii = 1.0 / np.linalg.norm(axes, axis=2).min(axis=1, initial=np.inf)
-    middles = (capsules[:, 0:3] + capsules[:, 3:6]) / 2
     block_highest, block_steepest = _blocks(heights)
-    reach = np.linalg.norm(capsules[:, 3:6] - capsules[:, 0:3], axis=1) / 2 + capsules[:, 6]
     return Scene(
         lattice=lattice,
         heights=heights,
@@ -261,13 +257,8 @@ def _finish(
         highest=float(heights.max()),
         block_highest=block_highest,
         block_steepest=block_steepest,
-        ellipsoid_centres=centres,
-        ellipsoid_axes=axes,
-        capsules=capsules,
-        bounds=np.vstack([
-            np.column_stack([centres, radii]), np.column_stack([middles, reach])
-        ]),
-        appearance=np.array(builder.ellipsoid_looks + builder.capsule_looks).reshape(-1, 8),
+        shapes=np.array(builder.shapes).reshape(-1, SHAPE_COLUMNS),
+        appearance=np.array(builder.looks).reshape(-1, 8),
         texture=texture,
     )
 

@@ -59,7 +59,6 @@ class Transect:
     lighting: Lighting = Lighting()
 
     def __post_init__(self) -> None:
-        """Validate the plan."""
         check_range("number of frames", self.frames, 1, MOST_FRAMES)
         check_range("rate", self.rate, 1e-3, 1000.0, "Hz")
         check_range("speed", self.speed, 0.0, 10.0, "m/s")
@@ -79,10 +78,6 @@ class Transect:
             self.camera, self.sensor, self.effects, workers or Workers(), self.camera_effects,
             self.lighting,
         )
-        yield from self.render_by(renderer)
-
-    def render_by(self, renderer: Renderer) -> Iterator[TransectFrame]:
-        """Render the transect's frames in turn by a renderer of its cameras and effects."""
         scene = _reef(self.seed, self.length)
         exposure = self.exposure
         if self.lighting.lamps and exposure is None:

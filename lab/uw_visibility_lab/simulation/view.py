@@ -79,7 +79,8 @@ def look(
     ranges = np.empty(size, np.float32)
     hits = np.empty(size, np.int32)
     seen = np.zeros((*size, width), np.float32)
-    tiles = assign_to_tiles(scene.bounds, camera, eye, rotation, MAX_RANGE)
+    bounds = scene.shapes[:, [1, 2, 3, 16]]
+    tiles = assign_to_tiles(bounds, camera, eye, rotation, MAX_RANGE)
     optics = np.array([camera.focal_length, *camera.principal_point])
     workers.rows(
         _cast_centres, camera.height, scene, tiles, eye, rotation, optics, ranges, hits, seen

@@ -6,7 +6,3 @@ Light is followed through a homogeneous water by Mitsuba 3 (Jakob et al. 2022,
 https://mitsuba-renderer.org), with all orders of scattering: nothing of this package's light
 model is in it. It needs the extra `trace` of the lab, but for reading what was rendered.
 """
-
-from uw_visibility_lab.tracer.files import Traced, load
-
-__all__ = ["Traced", "load"]

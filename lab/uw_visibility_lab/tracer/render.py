@@ -7,18 +7,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from uw_visibility.errors import InputError, check_range
+from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, Image
+from uw_visibility_lab.simulation.phase_functions import HENYEY_GREENSTEIN, fournier_forand
 from uw_visibility_lab.tracer import engine
-from uw_visibility_lab.tracer.phase import phase_of
-from uw_visibility_lab.tracer.scene import Description, camera_position, shapes_of
+from uw_visibility_lab.tracer.files import TRUTH, exposure, truth_of, write_truth, write_view
+from uw_visibility_lab.tracer.scene import Description, shapes_of
 from uw_visibility_lab.tracer.shapes import Shape
-
-VIEWS = ("left", "right")
 
 MOST_SCATTERED = 64
 """Events of a path. Paths end at random from `ROULETTE` events on, without bias."""
@@ -30,6 +30,10 @@ AUXILIARY = 4
 
 CLEAR = 1e-3
 """Water that is left before a bare surface, m."""
+
+PHASE_ENTRIES = 1 << 18
+"""Of a phase function's table. What is scattered by less than its last step, 0.22°, is spread over
+that."""
 
 SKY_LENGTHS, SKY_REACH = 4.0, (15.0, 60.0)
 """Half the side of the shining surface: attenuation lengths of the clearest channel, and its
@@ -55,17 +59,14 @@ class Tracer:
     """A described scene as Mitsuba holds it, for one view.
 
     width, height: of the image, px.
-    view: one of `VIEWS`.
-    Raises `InputError` for sizes and views that do not exist, or if Mitsuba is not installed.
+    view: left or right.
+    Raises `InputError` if Mitsuba is not installed.
     """
 
     def __init__(
         self, description: Description, width: int, height: int, view: str = "left",
         threads: int = 2,
     ) -> None:
-        check_range("the image's size", (width, height), 16, 8192, "px")
-        if view not in VIEWS:
-            raise InputError(f"no view {view!r}: give one of {', '.join(VIEWS)}")
         self.mi = engine.mitsuba(threads)
         self.description, self.width, self.height = description, width, height
         self.shapes = shapes_of(description)
@@ -97,7 +98,6 @@ class Tracer:
             the camera; open water is 0.
         Returns (H, W, 3) float32, where the sea's surface is 1.
         """
-        check_range("the number of samples", samples, 1, 1 << 20)
         image = np.zeros((self.height, self.width, 3), np.float32)
         for channel in range(3):
             self._dye(channel)
@@ -150,7 +150,7 @@ class Tracer:
 
     def _origin(self) -> Array:
         shift = self.description.baseline if self._view == "right" else 0.0
-        return camera_position(self.description) + shift * self._axes()[1]
+        return np.array([0.0, 0.0, self.description.altitude]) + shift * self._axes()[1]
 
     def _paint(self, channel: int, black: bool = False) -> None:
         for k, shape in enumerate(self.shapes):
@@ -175,7 +175,10 @@ class Tracer:
         transform = mi.ScalarTransform4f
         origin = self._origin()
         forward, right, down = self._axes()
-        phase = phase_of(given.water.phase, given.water.asymmetry)
+        phase = {"type": "hg", "g": given.water.asymmetry}
+        if given.water.phase != HENYEY_GREENSTEIN:
+            table = ",".join(f"{value:.6g}" for value in fournier_forand_table())
+            phase = {"type": "tabphase", "values": table}
         scene: dict[str, Any] = {
             "type": "scene",
             "water": {"type": "homogeneous", "albedo": 0.5, "sigma_t": 0.3, "phase": phase},
@@ -224,6 +227,23 @@ class Tracer:
         values["faces"] = shape.faces.astype(np.uint32).ravel()
         values.update()
         return mesh
+
+
+def fournier_forand_table(entries: int = PHASE_ENTRIES) -> Array:
+    """Fournier-Forand phase function over the cosine of the scattering angle, -1 .. 1.
+
+    The table keeps what is scattered into each step, though the function has a pole at 0.
+
+    Returns (entries,) float64, 1/sr, at equal steps of the cosine; its integral over the sphere,
+    linear between entries, is 1.
+    """
+    step = 2.0 / (entries - 1)
+    cosine = np.linspace(-1.0, 1.0, entries)
+    table = fournier_forand(np.arccos(cosine[:-1]))
+    within = 2.0 * math.pi * step * (table.sum() - 0.5 * (table[0] + table[-1]))
+    # The rest of 1 is in the last step, a trapezium.
+    last = 2.0 * (1.0 - within) / (2.0 * math.pi * step) - table[-1]
+    return np.asarray(np.append(table, max(last, table[-1])))
 
 
 def without_gaps(image: Image) -> Image:
@@ -301,3 +321,50 @@ def image_guide(surface: Image, geometry: Geometry, description: Description) ->
     straight = surface * np.exp(-description.water.beam_attenuation * far)
     top = np.maximum(np.quantile(straight, 0.995, axis=(0, 1)), 1e-12)
     return np.asarray(np.clip(straight / top, 0.0, 1.0), np.float32)
+
+
+def render_scene(
+    folder: Path, description: Description, size: tuple[int, int], samples: int, *,
+    stereo: bool = False, threads: int = 2,
+) -> bool:
+    """Render a scene into a folder, unless it is complete already.
+
+    folder: made if missing.
+    size: width and height, px.
+    samples: paths for each pixel and channel.
+    stereo: also the right view.
+    Returns whether it was rendered.
+    """
+    if (folder / TRUTH).exists():
+        return False
+    folder.mkdir(parents=True, exist_ok=True)
+    left, gain = _view(description, size, samples, "left", None, threads)
+    write_view(folder, "left", left)
+    if stereo:
+        # Both cameras have one exposure.
+        right, _ = _view(description, size, samples, "right", gain, threads)
+        write_view(folder, "right", right)
+    write_truth(folder, truth_of(
+        description, focal_length(description, size[0]), gain, samples, left))
+    return True
+
+
+def _view(
+    description: Description, size: tuple[int, int], samples: int, view: str,
+    gain: float | None, threads: int,
+) -> tuple[dict[str, Array], float]:
+    """Return a view's arrays, and its gain: that which is given, or the image's own."""
+    tracer = Tracer(description, *size, view, threads)
+    geometry = tracer.geometry()
+    raw = tracer.radiance(samples)
+    fewer = max(samples // AUXILIARY, 1)
+    raw_black = tracer.radiance(fewer, black=True)
+    black = engine.denoise(raw_black, veil_guide(geometry))
+    surface = engine.denoise(
+        tracer.radiance(fewer, through_water=False), geometry.reflectance, geometry.normals)
+    image = engine.denoise(raw, image_guide(surface, geometry, description))
+    gain = exposure(image) if gain is None else gain
+    return {
+        "image": np.asarray(image * gain, np.float32), "raw": raw * gain,
+        "raw_black": raw_black * gain, "black": black * gain, "surface": surface * gain,
+        "ranges": geometry.ranges, "reflectance": geometry.reflectance}, gain

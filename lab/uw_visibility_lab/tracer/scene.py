@@ -12,12 +12,12 @@ import numpy as np
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
-from uw_visibility_lab.tracer.noise import fractal
-from uw_visibility_lab.tracer.phase import FOURNIER_FORAND, HENYEY_GREENSTEIN
+from uw_visibility_lab.simulation.phase_functions import FOURNIER_FORAND, HENYEY_GREENSTEIN
 from uw_visibility_lab.tracer.shapes import (
     Shape,
     box,
     cylinder,
+    fractal,
     grid_faces,
     painted,
     polar_grid,
@@ -52,7 +52,7 @@ class Water:
 
     absorption: Colour  # absorption, scattering: RGB, 1/m
     scattering: Colour
-    phase: str = HENYEY_GREENSTEIN  # phase function: this, or one of those of `cosine_table`
+    phase: str = HENYEY_GREENSTEIN  # phase function: this, or Fournier and Forand's
     asymmetry: float = 0.85  # mean cosine of Henyey-Greenstein's function
 
     @property
@@ -136,7 +136,8 @@ def draw_scene(seed: int, kind: str, lamps: int = 0) -> Description:
     Returns the same for the same arguments.
     Raises `InputError` for an unknown kind.
     """
-    check_kind(kind)
+    if kind not in KINDS:
+        raise InputError(f"no kind of scene {kind!r}: give one of {', '.join(sorted(KINDS))}")
     random = np.random.default_rng([seed, sorted(KINDS).index(kind)])
     water = draw_water(random)
     depth = math.exp(random.uniform(math.log(1.5), math.log(15.0)))
@@ -153,20 +154,8 @@ def draw_scene(seed: int, kind: str, lamps: int = 0) -> Description:
     return description
 
 
-def check_kind(kind: str) -> None:
-    """Refuse an unknown kind of scene with an `InputError`."""
-    if kind not in KINDS:
-        raise InputError(f"no kind of scene {kind!r}: give one of {', '.join(sorted(KINDS))}")
-
-
-def camera_position(description: Description) -> Array:
-    """Return where the left camera is, (3,), m: above the floor's origin."""
-    return np.array([0.0, 0.0, description.altitude])
-
-
 def shapes_of(description: Description) -> list[Shape]:
     """Return the meshes of a scene, below the surface and at least 0.8 m from the camera."""
-    check_kind(description.kind)
     random = np.random.default_rng([description.seed, 77, sorted(KINDS).index(description.kind)])
     shapes = KINDS[description.kind](random, description)
     top = description.altitude + description.depth - 0.3

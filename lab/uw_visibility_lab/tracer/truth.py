@@ -20,6 +20,9 @@ BINS = 24
 FEWEST_PIXELS = 60
 """Of a bin: for three coefficients, with room."""
 
+LEAST_OPEN = 0.01
+"""Share of open water that is enough to take the veil from."""
+
 
 @dataclass(frozen=True)
 class Decay:
@@ -127,14 +130,11 @@ def _fit(distance: Array, value: Array, noise: Array) -> tuple[float, float, flo
             departure)
 
 
-def veil_at_infinity(
-    image: Array, veil: Array, ranges: Array, fewest: float = 0.01,
-) -> tuple[Array, str, Array]:
+def veil_at_infinity(image: Array, veil: Array, ranges: Array) -> tuple[Array, str, Array]:
     """Veil B: open water where it is in view, else what the veil's growth with range comes to.
 
     image, veil: (H, W, 3), light in water, and the same with black surfaces.
     ranges: (H, W), m, NaN in open water.
-    fewest: share of open water that is enough.
     Returns `veil`, (3,), NaN where it cannot be told; `source`, "open water", or "growth over
     range"; `growth`, (3,), 1/m: β of B (1 - e^(-βd)) that comes nearest to the black surfaces'
     veil; NaN where ranges are too short to show it.
@@ -160,7 +160,7 @@ def veil_at_infinity(
             growth[channel] = math.exp(fit.x[1])
             found[channel] = top * math.exp(fit.x[0])
     opened = ~np.isfinite(ranges)
-    if opened.mean() >= fewest:
+    if opened.mean() >= LEAST_OPEN:
         return np.median(image[opened], axis=0), "open water", growth
     return found, "growth over range", growth
 

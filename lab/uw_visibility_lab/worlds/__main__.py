@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from uw_visibility.errors import InputError, check_range
+from uw_visibility.images.files import write_png
 from uw_visibility_lab.worlds.draw import EFFECTS, RANDOM, draw
 from uw_visibility_lab.worlds.scenes import SIZE, load_scene, make_pool, pool
 
@@ -70,7 +71,7 @@ def _sheet(options: argparse.Namespace) -> None:
         view = draw(rng, scene, effects=RANDOM if options.effects is None else options.effects)
         code = view.image.astype(np.float32) / np.iinfo(view.image.dtype).max
         shown = code if view.curve != "linear" else code ** (1 / 2.2)
-        tile = np.ascontiguousarray(np.rint(shown * 255).astype(np.uint8)[..., ::-1])
+        tile = np.ascontiguousarray(np.rint(shown * 255).astype(np.uint8))
         known = np.isfinite(view.ranges)
         median = np.median(view.ranges[known]) if known.any() else np.nan
         lines = [
@@ -83,8 +84,7 @@ def _sheet(options: argparse.Namespace) -> None:
     blank = np.zeros_like(tiles[0])
     tiles += [blank] * (-len(tiles) % COLUMNS)
     rows = [np.hstack(tiles[k:k + COLUMNS]) for k in range(0, len(tiles), COLUMNS)]
-    if not cv2.imwrite(str(options.output), np.vstack(rows)):
-        raise InputError(f"cannot write {options.output}: give a PNG in a folder that is there")
+    write_png(options.output, np.vstack(rows))
 
 
 if __name__ == "__main__":

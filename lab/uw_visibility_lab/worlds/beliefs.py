@@ -29,29 +29,17 @@ FORMS = {
 
 @dataclass(frozen=True)
 class Belief:
-    """Distribution of one quantity.
+    """Distribution of one quantity."""
 
-    Attributes
-    ----------
-    name : str
-        Its place in the file, ``table.name``.
-    form : str
-        One of `FORMS`. ``log-normal`` has the standard deviation of the natural logarithm;
-        ``share`` is the probability that something is so.
-    first, second : tuple of float
-        The numbers of the form, in the order of `FORMS`; of a choice the values and weights.
-    unit : str
-        Unit of the quantity; empty for a ratio.
-    source : str
-        Where the numbers come from.
-    """
-
-    name: str
+    name: str  # its place in the file, ``table.name``
+    # one of `FORMS`; ``log-normal`` has the standard deviation of the natural logarithm, ``share``
+    # is the probability that something is so
     form: str
+    # first, second: numbers of the form, in the order of `FORMS`; of a choice values and weights
     first: tuple[float, ...]
     second: tuple[float, ...]
-    unit: str
-    source: str
+    unit: str  # of the quantity; empty for a ratio
+    source: str  # where the numbers come from
 
     def draw(self, rng: np.random.Generator) -> float:
         """Draw one value, in the belief's unit; of a share 1.0 or 0.0."""

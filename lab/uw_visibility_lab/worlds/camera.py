@@ -10,14 +10,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array, Map
-from uw_visibility_lab.simulation.camera import interpolate_mosaic, lens_falloff
+from uw_visibility_lab.simulation.camera import compress, interpolate_mosaic, lens_falloff
 from uw_visibility_lab.worlds.beliefs import draw
 
 # Steps of the tables that encode: 8 for a code of 16 bit is too many for a cache, 1 for a code of
@@ -27,18 +26,10 @@ _STEPS = 1 << 16
 
 @dataclass(frozen=True)
 class Curve:
-    """Transfer from irradiance to code, both 0..1, and beyond 1 as it goes on.
+    """Transfer from irradiance to code, both 0..1, and beyond 1 as it goes on."""
 
-    Attributes
-    ----------
-    kind : str
-        ``linear``, ``srgb``, ``gamma``, ``log`` or ``contrast``.
-    value : float
-        Exponent of a gamma, a of log(1 + a x), strength of an S curve; else 0.
-    """
-
-    kind: str
-    value: float = 0.0
+    kind: str  # ``linear``, ``srgb``, ``gamma``, ``log`` or ``contrast``
+    value: float = 0.0  # exponent of a gamma, a of log(1 + a x), strength of an S curve
 
     @property
     def name(self) -> str:
@@ -137,9 +128,7 @@ def record(
     image: NDArray[Any] = np.empty(irradiance.shape, table.dtype)
     _encode(irradiance, table, image)
     if "jpeg" in effects:
-        quality = round(draw(streams("jpeg"), "camera.jpeg"))
-        _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
-        image = np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
+        image = compress(image, round(draw(streams("jpeg"), "camera.jpeg")))
     return image
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, Map, Mask
+from uw_visibility_lab.simulation.formation import fit_attenuation
 from uw_visibility_lab.worlds import beliefs as believed
 from uw_visibility_lab.worlds.beliefs import count, happens
 from uw_visibility_lab.worlds.beliefs import draw as drawn
@@ -63,48 +64,26 @@ class Streams:
 
 @dataclass(frozen=True)
 class View:
-    """What a camera records under water, what is told with it, and the truth.
+    """What a camera records under water, what is told with it, and the truth."""
 
-    Attributes
-    ----------
-    image : (H, W, 3) uint8 or uint16 ndarray
-        RGB code values.
-    ranges : (H, W) float32 ndarray
-        As measured, m along the line of sight; NaN where unknown.
-    range_error : float
-        Told standard deviation of range over its square, 1/m; 0 for exact ranges.
-    transfer : str
-        Told transfer, ``linear`` or ``srgb``.
-    clear_water : (3,) float64 ndarray
-        Told κ, 1/m.
-    attenuation : (3,) float64 ndarray
-        True β, 1/m: the attenuation of surfaces' light; where it varies, that whose e^(−βd) fits
-        the transmission over the ranges in view best.
-    veil, light : (3,) float64 ndarray
-        True B and W, means over the view, in units of the image when linearised as told.
-    depth : float
-        Of the camera, m.
-    open_water : (H, W) bool ndarray
-        Where nothing but water is seen.
-    effects : tuple of str
-        Those of `EFFECTS` that are there.
-    scene, curve : str
-        Names of the scene and of the camera's true curve.
-    """
-
-    image: NDArray[Any]
-    ranges: Map
+    image: NDArray[Any]  # (H, W, 3) uint8 or uint16; RGB code values
+    ranges: Map  # (H, W) float32; as measured, m along the line of sight; NaN where unknown
+    # told standard deviation of range over its square, 1/m; 0 for exact ranges
     range_error: float
-    transfer: str
-    clear_water: Array
+    transfer: str  # told: ``linear`` or ``srgb``
+    clear_water: Array  # (3,); told κ, 1/m
+    # (3,); true β, 1/m, of surfaces' light; where it varies, that whose e^(−βd) fits the
+    # transmission over the ranges in view best
     attenuation: Array
+    # veil, light: (3,); true B and W, means over the view, in units of the image when linearised
+    # as told
     veil: Array
     light: Array
-    depth: float
-    open_water: Mask
-    effects: tuple[str, ...]
-    scene: str
-    curve: str
+    depth: float  # of the camera, m
+    open_water: Mask  # (H, W); where nothing but water is seen
+    effects: tuple[str, ...]  # those of `EFFECTS` that are there
+    scene: str  # its name
+    curve: str  # name of the camera's true curve
 
 
 def draw(
@@ -112,7 +91,6 @@ def draw(
     scene: Scene,
     *,
     effects: str | Sequence[str] = RANDOM,
-    without: Sequence[str] = (),
     nearer: float = 1.0,
     lamps: bool = False,
 ) -> View:
@@ -126,8 +104,6 @@ def draw(
         What is looked at; the view has its size.
     effects : str or sequence of str
         ``random`` draws them by their beliefs; else those of `EFFECTS` that are there.
-    without : sequence of str
-        Effects that are left out.
     nearer : float
         Factor of the median range that is drawn: the same state with another scene and another
         factor is another frame of the same water by the same camera.
@@ -149,7 +125,7 @@ def draw(
     if not np.isfinite(scene.range).any():
         raise InputError(f"scene {scene.name} shows no surface: give one with finite ranges")
     streams = Streams(rng)
-    names = _choose(streams("effects"), effects, without)
+    names = _choose(streams("effects"), effects)
     reflectance, ranges, heights = vary(streams("scene"), scene)
     height, width = ranges.shape
     if "open water" in names:
@@ -233,24 +209,21 @@ def draw(
         depth=water.depth, open_water=~known, effects=names, scene=scene.name, curve=curve.name)
 
 
-def _choose(
-    rng: np.random.Generator, effects: str | Sequence[str], without: Sequence[str]
-) -> tuple[str, ...]:
+def _choose(rng: np.random.Generator, effects: str | Sequence[str]) -> tuple[str, ...]:
     """Draw the effects, or check those that are given."""
-    given = () if effects == RANDOM else (effects,) if isinstance(effects, str) else effects
-    for name in (*given, *without):
-        if name not in EFFECTS:
-            raise InputError(f"no effect {name!r}: give some of {', '.join(EFFECTS)}")
     if effects != RANDOM:
-        return tuple(name for name in EFFECTS if name in given and name not in without)
+        given = (effects,) if isinstance(effects, str) else effects
+        for name in given:
+            if name not in EFFECTS:
+                raise InputError(f"no effect {name!r}: give some of {', '.join(EFFECTS)}")
+        return tuple(name for name in EFFECTS if name in given)
     plain = happens(rng, "effects.plain")
     found = []
     for name in EFFECTS:
-        # Drawn even where the view is plain or the effect left out, so that the same seed gives
-        # the same others.
+        # Drawn even where the view is plain, so that the same seed gives the same others.
         always = f"always.{name}" in believed.beliefs()
         there = happens(rng, f"always.{name}" if always else f"effects.{name}")
-        if there and (always or not plain) and name not in without:
+        if there and (always or not plain):
             found.append(name)
     for first, second in _EXCLUDING:
         if first in found and second in found:
@@ -439,7 +412,7 @@ def _transmissions(
     if thicker is not None or water.log_transmission is not None:
         distances, seen = ranges[known], transmission[known]
         step = max(len(distances) // 2000, 1)
-        attenuation = effective_attenuation(distances[::step], seen[::step])
+        attenuation = fit_attenuation(distances[::step], seen[::step])
     return transmission, unveiled, attenuation
 
 
@@ -459,37 +432,6 @@ def _look_up(ranges: Map, path: Array, logarithm: Array) -> Map:
     place = np.full(ranges.shape, _LOOKUP, np.int32)
     place[known] = np.rint(np.sqrt(ranges[known]) * ((_LOOKUP - 1) / math.sqrt(most)))
     return np.asarray(table[place])
-
-
-def effective_attenuation(
-    ranges: NDArray[np.floating], transmission: NDArray[np.floating]
-) -> Array:
-    """Least-squares β of transmissions, Σ (t − e^(−βd))², by Gauss-Newton steps.
-
-    Parameters
-    ----------
-    ranges : (n,) ndarray
-        m.
-    transmission : (n, C) ndarray
-        0..1.
-
-    Returns
-    -------
-    (C,) float64 ndarray
-        1/m.
-    """
-    d = np.asarray(ranges, np.float64)[:, np.newaxis]
-    seen = np.asarray(transmission, np.float64)
-    rate = np.maximum(-np.log(np.maximum(seen, 1e-12)) / d, 1e-9)
-    # Between the least and the largest of the pixels' own.
-    low, high = rate.min(0), rate.max(0)
-    beta = np.median(rate, axis=0)
-    for _ in range(12):
-        model = np.exp(-beta * d)
-        slope = -d * model
-        gain = (slope * (seen - model)).sum(0) / np.maximum((slope * slope).sum(0), 1e-300)
-        beta = np.clip(beta + gain, low, high)
-    return np.asarray(beta)
 
 
 def _light_map(
@@ -605,7 +547,7 @@ def _grey(
     step = max(len(ranges) // 2000, 1)
     some = ranges[::step].astype(np.float64)
     decay = np.exp(-np.outer(some, attenuation)) @ (light / light.sum())
-    mixed = effective_attenuation(some, decay[:, np.newaxis])
+    mixed = fit_attenuation(some, decay[:, np.newaxis])
     grey = irradiance.mean(axis=-1, keepdims=True)
     return (
         np.repeat(grey, 3, axis=-1), np.repeat(mixed, 3),

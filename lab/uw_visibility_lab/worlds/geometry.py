@@ -16,17 +16,10 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility_lab.simulation.noise import fractal_noise
+from uw_visibility_lab.simulation.shapes import NOWHERE, meet_shape, shape_normal
 
-ELLIPSOID, CAPSULE, BOX = 0, 1, 2
-"""Kinds of shapes: half axes; half length along its third axis and radius; half sides."""
-
-# Columns of a shape's row.
-KIND, CENTRE, AXES, HALF, BOUND, MATERIAL, BUMP, SHAPE_COLUMNS = 0, 1, 4, 13, 16, 17, 18, 19
-
-# Columns of a material's row: pattern, two colours, cell and sharpness of the pattern, coarse and
+# A row of a material: pattern, two colours (3 each), cell and sharpness of the pattern, coarse and
 # fine variation of brightness, persistence, picture (-1 for none) and metres a picture covers.
-PATTERN, FIRST, SECOND, CELL, SHARP, COARSE, FINE, PERSISTENCE, PICTURE, COVER, MATERIAL_COLUMNS = (
-    0, 1, 4, 7, 8, 9, 10, 11, 12, 13, 14)
 MIXED, CHECKED, STRIPED = 0, 1, 2
 """Patterns: two colours by fractal noise, by a checkerboard, by stripes."""
 
@@ -37,7 +30,6 @@ LEVELS = 6
 FINE_CELL = 0.02
 """Cell of the fine variation of brightness, in heights of the camera: gravel, polyps."""
 
-NOWHERE = 1e9
 _REFINE = 8
 
 
@@ -82,58 +74,6 @@ def meet_ground(
                     before = middle
             return t
     return NOWHERE
-
-
-@njit(nogil=True, error_model="numpy")
-def meet_shape(
-    shape: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
-) -> float:
-    """Range at which a ray enters a shape, or `NOWHERE`."""
-    px, py, pz = ox - shape[1], oy - shape[2], oz - shape[3]
-    along = px * dx + py * dy + pz * dz
-    if px * px + py * py + pz * pz - along * along > shape[16] * shape[16]:
-        return NOWHERE
-    # In the shape's own axes.
-    ax = shape[4] * px + shape[5] * py + shape[6] * pz
-    ay = shape[7] * px + shape[8] * py + shape[9] * pz
-    az = shape[10] * px + shape[11] * py + shape[12] * pz
-    bx = shape[4] * dx + shape[5] * dy + shape[6] * dz
-    by = shape[7] * dx + shape[8] * dy + shape[9] * dz
-    bz = shape[10] * dx + shape[11] * dy + shape[12] * dz
-    kind = int(shape[0])
-    hx, hy, hz = shape[13], shape[14], shape[15]
-    if kind == 2:
-        enter, leave = 0.0, NOWHERE
-        for a, b, h in ((ax, bx, hx), (ay, by, hy), (az, bz, hz)):
-            inverse = 1.0 / (b if abs(b) > 1e-9 else 1e-9)
-            t0, t1 = (-h - a) * inverse, (h - a) * inverse
-            enter, leave = max(enter, min(t0, t1)), min(leave, max(t0, t1))
-        return enter if 0.0 < enter < leave else NOWHERE
-    if kind == 0:
-        ax, ay, az, bx, by, bz = ax / hx, ay / hy, az / hz, bx / hx, by / hy, bz / hz
-        return _meet_quadratic(
-            bx * bx + by * by + bz * bz, ax * bx + ay * by + az * bz,
-            ax * ax + ay * ay + az * az - 1.0)
-    # A capsule: its mantle, then both ends.
-    found = _meet_quadratic(bx * bx + by * by, ax * bx + ay * by, ax * ax + ay * ay - hx * hx)
-    if found < NOWHERE and abs(az + found * bz) > hz:
-        found = NOWHERE
-    for end in (-hz, hz):
-        z = az - end
-        t = _meet_quadratic(
-            bx * bx + by * by + bz * bz, ax * bx + ay * by + z * bz,
-            ax * ax + ay * ay + z * z - hx * hx)
-        found = min(found, t)
-    return found
-
-
-@njit(nogil=True, error_model="numpy")
-def _meet_quadratic(a: float, b: float, c: float) -> float:
-    root = b * b - a * c
-    if root < 0.0 or a < 1e-12:
-        return NOWHERE
-    t = (-b - math.sqrt(root)) / a
-    return t if t > 0.0 else NOWHERE
 
 
 @njit(nogil=True, error_model="numpy")
@@ -216,32 +156,6 @@ def nearest_shape(
 
 
 @njit(nogil=True, error_model="numpy")
-def shape_normal(shape: Any, x: float, y: float, z: float, out: Any) -> None:
-    """Unit normal of a shape at a point of its surface, into `out`."""
-    px, py, pz = x - shape[1], y - shape[2], z - shape[3]
-    ax = shape[4] * px + shape[5] * py + shape[6] * pz
-    ay = shape[7] * px + shape[8] * py + shape[9] * pz
-    az = shape[10] * px + shape[11] * py + shape[12] * pz
-    hx, hy, hz = shape[13], shape[14], shape[15]
-    kind = int(shape[0])
-    if kind == 0:
-        ax, ay, az = ax / (hx * hx), ay / (hy * hy), az / (hz * hz)
-    elif kind == 1:
-        az = az - min(max(az, -hz), hz)
-    else:
-        ux, uy, uz = abs(ax) / hx, abs(ay) / hy, abs(az) / hz
-        if ux >= uy and ux >= uz:
-            ax, ay, az = math.copysign(1.0, ax), 0.0, 0.0
-        elif uy >= uz:
-            ax, ay, az = 0.0, math.copysign(1.0, ay), 0.0
-        else:
-            ax, ay, az = 0.0, 0.0, math.copysign(1.0, az)
-    length = max(math.sqrt(ax * ax + ay * ay + az * az), 1e-12)
-    for c in range(3):
-        out[c] = (shape[4 + c] * ax + shape[7 + c] * ay + shape[10 + c] * az) / length
-
-
-@njit(nogil=True, error_model="numpy")
 def cast(
     directions: Any, shapes: Any, relief: Any, hollow: Any, size: float, slope: float,
     steep: float, most: float, materials: Any, ground: Any, ground_cell: float, lattice: Any,
@@ -252,7 +166,7 @@ def cast(
 
     directions: (H, W, 3) unit vectors. shapes: (n, SHAPE_COLUMNS). relief, hollow: (m, m) heights
     and the light that hollows leave, over `size`. most: range beyond which nothing is met.
-    materials: (k, MATERIAL_COLUMNS). ground: indices of its two materials, which change by noise
+    materials: (k, 14). ground: indices of its two materials, which change by noise
     of `ground_cell`. pictures: (p, pixels of all levels, 3). sun: (3,) towards it. ambient: share
     of light that is even. reflectance (H, W, 3), ranges (H, W): written, inf for nothing.
     """
@@ -290,7 +204,7 @@ def cast(
                 material = ground[0] if chosen > 0.0 else ground[1]
             else:
                 shape = shapes[index]
-                shape_normal(shape, x, y, z, normal)
+                normal[0], normal[1], normal[2] = shape_normal(shape, x, y, z)
                 # Darker near the ground, which hides half of the light.
                 above = z - relief_height(relief, size, slope, x, y)
                 shade = 0.5 + 0.5 * min(max(above / max(shape[16], 1e-6), 0.0), 1.0)

@@ -9,7 +9,6 @@ simulator's kernels are used, so that it can judge what is estimated by them.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -18,8 +17,9 @@ from numpy.typing import NDArray
 
 from uw_visibility.config.lighting import beam_falloff
 from uw_visibility.images.arrays import Array, Map
+from uw_visibility.optics.lamps import vector
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility_lab.simulation.lamps import Lamp, Triple
+from uw_visibility_lab.simulation.lamps import Lamp
 from uw_visibility_lab.simulation.phase_functions import (
     FOURNIER_FORAND,
     HENYEY_GREENSTEIN,
@@ -68,7 +68,7 @@ def draw_lamps(rng: np.random.Generator) -> tuple[Lamp, ...]:
         position = np.array((
             aside * math.cos(around), aside * math.sin(around), draw(rng, "lamps.ahead")))
         power = colour * draw(rng, "lamps.power")
-        lamps.append(Lamp(_triple(position), _triple(target - position), beam, _triple(power)))
+        lamps.append(Lamp(vector(position), vector(target - position), beam, vector(power)))
     return tuple(lamps)
 
 
@@ -180,17 +180,12 @@ def phase_function(name: str, angle: Array) -> NDArray[np.float64]:
     return np.interp(angle, np.linspace(0.0, math.pi, len(table)), table)
 
 
-def normals_of(rays: Array, ranges: Map, step: int = 2) -> Array:
+def normals_of(rays: Array, ranges: Map) -> Array:
     """Unit normals towards the camera of the surfaces in view, (H, W, 3)."""
     points = rays * np.where(np.isfinite(ranges), ranges, 1e3)[..., np.newaxis]
-    points = cv2.GaussianBlur(points.astype(np.float32), (0, 0), step)
+    points = cv2.GaussianBlur(points.astype(np.float32), (0, 0), 2)
     down, right = np.gradient(points.astype(np.float64), axis=(0, 1))
     normal = np.cross(down, right)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
     away = np.einsum("hwk,hwk->hw", normal, rays) > 0
     return np.where(away[..., np.newaxis], -normal, normal)
-
-
-def _triple(values: Sequence[float] | Array) -> Triple:
-    x, y, z = np.asarray(values, np.float64).tolist()
-    return x, y, z

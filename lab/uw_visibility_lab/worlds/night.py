@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Array, Map
+from uw_visibility.optics.lamps import vector
 from uw_visibility_lab.simulation.lamps import Lamp, lighting_parameters, misplaced
 from uw_visibility_lab.simulation.phase_functions import FOURNIER_FORAND, HENYEY_GREENSTEIN
 from uw_visibility_lab.worlds import lamps as by_lamps
@@ -40,33 +41,15 @@ _WAVES = 12
 
 @dataclass(frozen=True)
 class Night:
-    """A frame by lamps, what is told with it, and the truth.
+    """A frame by lamps, what is told with it, and the truth."""
 
-    Attributes
-    ----------
-    image : (H, W, 3) uint8 ndarray
-        Linear RGB code values.
-    ranges : (H, W) float32 ndarray
-        As measured, m; NaN where unknown.
-    range_error : float
-        Told standard deviation of range over its square, 1/m.
-    focal_length : float
-        In widths of the image.
-    clear_water : (3,) float64 ndarray
-        Told κ, 1/m.
-    lighting : dict
-        The lamps as they are told, by names of parameters.
-    attenuation : (3,) float64 ndarray
-        True β, 1/m.
-    """
-
-    image: NDArray[Any]
-    ranges: Map
-    range_error: float
-    focal_length: float
-    clear_water: Array
-    lighting: dict[str, Any]
-    attenuation: Array
+    image: NDArray[Any]  # (H, W, 3) uint8; linear RGB code values
+    ranges: Map  # (H, W) float32; as measured, m; NaN where unknown
+    range_error: float  # told standard deviation of range over its square, 1/m
+    focal_length: float  # in widths of the image
+    clear_water: Array  # (3,); told κ, 1/m
+    lighting: dict[str, Any]  # the lamps as they are told, by names of parameters
+    attenuation: Array  # (3,); true β, 1/m
 
 
 def draw_night(
@@ -178,7 +161,7 @@ def _told(
         mean = np.mean([lamp.power for lamp in lamps], axis=0)
         told = [draw(rng, "lamps.power_error") * mean for _ in lamps]
         lamps = tuple(
-            replace(lamp, power=(float(p[0]), float(p[1]), float(p[2])))
+            replace(lamp, power=vector(p))
             for lamp, p in zip(lamps, told, strict=True))
     return lamps
 

@@ -16,43 +16,24 @@ from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError, refusing
 from uw_visibility.images.arrays import Map
-from uw_visibility.images.files import read_image
 from uw_visibility.optics.transfer import to_linear
-from uw_visibility_lab.evaluation.degrade import (
-    BASELINE,
-    FULL_SIZE_FOCAL_LENGTH,
-    fill_from_background,
-    read_disparity,
-    size_divisor,
-)
+from uw_visibility_lab.evaluation import degrade
+from uw_visibility_lab.evaluation.degrade import fill_from_background
 from uw_visibility_lab.evaluation.parallel import run_all
 from uw_visibility_lab.simulation.noise import noise_lattice
+from uw_visibility_lab.simulation.shapes import (
+    BOX,
+    CAPSULE,
+    ELLIPSOID,
+    SHAPE_COLUMNS,
+    Vector,
+    axes_along,
+    shape_row,
+)
 from uw_visibility_lab.worlds.beliefs import count, draw, happens
 from uw_visibility_lab.worlds.geometry import (
-    AXES,
-    BOUND,
-    BOX,
-    BUMP,
-    CAPSULE,
-    CELL,
-    CENTRE,
     CHECKED,
-    COARSE,
-    COVER,
-    ELLIPSOID,
-    FINE,
-    FIRST,
-    HALF,
-    KIND,
-    MATERIAL,
-    MATERIAL_COLUMNS,
     MIXED,
-    PATTERN,
-    PERSISTENCE,
-    PICTURE,
-    SECOND,
-    SHAPE_COLUMNS,
-    SHARP,
     STRIPED,
     TEXTURE,
     cast,
@@ -62,9 +43,6 @@ from uw_visibility_lab.worlds.geometry import (
 
 SIZE = (240, 320)
 """Rows and columns of a scene."""
-
-# Three numbers.
-Vector = Sequence[float] | NDArray[np.float64]
 
 NATURAL = ("sand", "rock", "rock", "algae", "coral", "coral", "silt")
 """Kinds of materials of natural things; those named twice are twice as frequent."""
@@ -76,31 +54,16 @@ MADE = ("metal", "board", "board")
 
 @dataclass(frozen=True)
 class Scene:
-    """Colours and ranges of one view without water.
+    """Colours and ranges of one view without water."""
 
-    Attributes
-    ----------
-    name : str
-        For tables.
-    kind : str
-        ``procedural``, ``picture on a plane``, ``rgbd``.
-    reflectance : (H, W, 3) float32 ndarray
-        Linear, 0..1, RGB: albedo and the shading of its surface.
-    range : (H, W) float32 ndarray
-        m along the line of sight; inf where nothing is.
-    pitch, roll : float
-        Of the camera, rad below the horizon and right side down; NaN where not known.
-    focal_length : float
-        In widths of the image; NaN where not known.
-    """
-
-    name: str
-    kind: str
+    name: str  # for tables
+    kind: str  # ``procedural``, ``picture on a plane``, ``rgbd``
+    # (H, W, 3) float32; linear, 0..1, RGB: albedo and the shading of its surface
     reflectance: Map
-    range: Map
-    pitch: float = math.nan
-    roll: float = 0.0
-    focal_length: float = math.nan
+    range: Map  # (H, W) float32; m along the line of sight; inf where nothing is
+    pitch: float = math.nan  # of the camera, rad below the horizon; NaN where not known
+    roll: float = 0.0  # of the camera, rad, right side down
+    focal_length: float = math.nan  # in widths of the image; NaN where not known
 
 
 def middlebury(folder: Path) -> Scene:
@@ -109,31 +72,22 @@ def middlebury(folder: Path) -> Scene:
     Parameters
     ----------
     folder : Path
-        Holds ``view1`` and ``disp1.png``, as `uw_visibility_lab.evaluation.degrade.load_scene`
-        has them. Pixels without disparity are filled by `fill_from_background`.
+        As `uw_visibility_lab.evaluation.degrade.load_scene` has it. Pixels without disparity are
+        filled by `fill_from_background`.
 
     Raises
     ------
     InputError
         If a file is missing, the sizes differ, or no pixel has a disparity.
     """
-    found = sorted(Path(folder).glob("view1.*"))
-    if not found:
-        raise InputError(f"{folder} holds no view1: give the folder of a Middlebury scene")
-    image = read_image(found[0])
-    height, width = image.shape[:2]
-    scale = size_divisor(width)
-    disparity = read_disparity(Path(folder) / "disp1.png", scale)
-    if disparity.shape != (height, width):
-        raise InputError(f"scene {folder} has an image and disparities of different size")
-    if not np.isfinite(disparity).any():
-        raise InputError(f"scene {folder} has no pixel with a disparity: give another disp1.png")
-    focal = FULL_SIZE_FOCAL_LENGTH / scale
+    scene = degrade.load_scene(folder)
+    height, width = scene.left.shape[:2]
+    focal, disparity = scene.rig.focal_length, fill_from_background(scene.disparity_left)
     x = (np.arange(width) - (width - 1) / 2) / focal
     y = ((np.arange(height) - (height - 1) / 2) / focal)[:, np.newaxis]
-    ranges = focal * BASELINE / fill_from_background(disparity) * np.sqrt(1.0 + x * x + y * y)
+    ranges = focal * scene.rig.baseline / disparity * np.sqrt(1.0 + x * x + y * y)
     return Scene(
-        Path(folder).resolve().name, "rgbd", image.astype(np.float32) / np.float32(255.0),
+        folder.resolve().name, "rgbd", scene.left.astype(np.float32) / np.float32(255.0),
         ranges.astype(np.float32), pitch=0.0, focal_length=focal / width)
 
 
@@ -228,29 +182,28 @@ class _Builder:
     def material(self, kinds: Sequence[str] = NATURAL) -> int:
         """Draw a material; returns its index."""
         rng = self.rng
-        row = np.zeros(MATERIAL_COLUMNS)
         kind = kinds[int(rng.integers(len(kinds)))]
-        row[FIRST:FIRST + 3] = self.colour(kind)
+        first = self.colour(kind)
         other = kind if happens(rng, "shape.same_kind") else kinds[int(rng.integers(len(kinds)))]
-        row[SECOND:SECOND + 3] = self.colour(other)
-        row[PATTERN] = MIXED
-        row[CELL] = draw(rng, "shape.pattern_cell")
+        second = self.colour(other)
+        pattern, cell = MIXED, draw(rng, "shape.pattern_cell")
         # From a smooth mixture to patches with sharp edges.
-        row[SHARP] = draw(rng, "shape.pattern_sharpness")
+        sharp = draw(rng, "shape.pattern_sharpness")
         if kind == "board":
-            row[PATTERN] = (MIXED, CHECKED, STRIPED)[int(rng.integers(3))]
-            row[SHARP] = 20.0
+            pattern = (MIXED, CHECKED, STRIPED)[int(rng.integers(3))]
+            sharp = 20.0
         elif happens(rng, "shape.striped"):
-            row[PATTERN] = STRIPED
-        row[COARSE] = draw(rng, "procedural.variation")
-        row[FINE] = draw(rng, "procedural.grain")
-        row[PERSISTENCE] = draw(rng, "procedural.persistence")
-        row[PICTURE] = -1
+            pattern = STRIPED
+        coarse, fine = draw(rng, "procedural.variation"), draw(rng, "procedural.grain")
+        persistence = draw(rng, "procedural.persistence")
+        picture, cover = -1, 0.0
         if self.pictures and happens(rng, "procedural.picture_material"):
-            row[PICTURE] = rng.integers(len(self.pictures))
-            row[COVER] = draw(rng, "shape.picture_cover")
-            row[COARSE] *= 0.3
-            row[FINE] *= 0.3
+            picture = int(rng.integers(len(self.pictures)))
+            cover = draw(rng, "shape.picture_cover")
+            coarse *= 0.3
+            fine *= 0.3
+        row = np.array([
+            pattern, *first, *second, cell, sharp, coarse, fine, persistence, picture, cover])
         self.materials.append(row)
         return len(self.materials) - 1
 
@@ -269,18 +222,8 @@ class _Builder:
         self, kind: int, centre: Vector, half: Vector, material: int,
         axes: NDArray[np.float64] | None = None, bump: float = 0.0,
     ) -> None:
-        """Add a shape; `axes` are the rows of its own axes."""
-        row = np.zeros(SHAPE_COLUMNS)
-        row[KIND] = kind
-        row[CENTRE:CENTRE + 3] = centre
-        row[AXES:AXES + 9] = (np.eye(3) if axes is None else axes).ravel()
-        row[HALF:HALF + 3] = half
-        row[BOUND] = (
-            max(half) if kind == ELLIPSOID else half[0] + half[2] if kind == CAPSULE
-            else math.hypot(*half))
-        row[MATERIAL] = material
-        row[BUMP] = bump
-        self.shapes.append(row)
+        """Add a shape; see `shape_row`."""
+        self.shapes.append(shape_row(kind, centre, half, axes, material, bump))
 
     def turned(self, lean: float) -> NDArray[np.float64]:
         """Axes turned about the vertical at random, and tilted by some `lean` rad."""
@@ -329,7 +272,7 @@ class _Builder:
         sun = np.array([draw(rng, "shape.sun_slant"), draw(rng, "shape.sun_slant"), 1.0])
         levels = np.stack([picture_levels(p) for p in self.pictures]) if self.pictures else (
             np.zeros((1, 1, 3), np.float32))
-        shapes = np.array(self.shapes) if self.shapes else np.zeros((0, SHAPE_COLUMNS))
+        shapes = np.array(self.shapes).reshape(-1, SHAPE_COLUMNS)
         ground = np.array([self.pick(), self.pick()])
         cast(
             self.directions, shapes, self.relief, self.hollow, self.extent, self.slope, self.steep,
@@ -408,7 +351,7 @@ class _Builder:
             form = draw(rng, "shape.coral_form")
             if form == BRANCHED:
                 for _ in range(count(rng, "shape.coral_branches")):
-                    axes = _along(
+                    axes = axes_along(
                         draw(rng, "shape.coral_lean"), draw(rng, "shape.coral_lean"), 1.0)
                     long = r * draw(rng, "shape.coral_length")
                     thin = r * draw(rng, "shape.coral_width")
@@ -428,7 +371,7 @@ class _Builder:
         for _ in range(count(rng, "shape.pipes")):
             x, y, z = self.place()
             turn, r = rng.uniform(0.0, math.pi), draw(rng, "shape.pipe_radius")
-            axes = _along(math.cos(turn), math.sin(turn), draw(rng, "shape.pipe_slope"))
+            axes = axes_along(math.cos(turn), math.sin(turn), draw(rng, "shape.pipe_slope"))
             if z + 2.0 * r < 0.8:
                 self.add(CAPSULE, (x, y, z + 0.7 * r), (r, r, 20.0), material, axes)
 
@@ -453,7 +396,7 @@ class _Builder:
             x, y, z = self.place()
             r = draw(rng, "shape.pole_radius")
             if math.hypot(x, y) > 0.4 + 2.0 * r:
-                axes = _along(draw(rng, "shape.pole_lean"), draw(rng, "shape.pole_lean"), 1.0)
+                axes = axes_along(draw(rng, "shape.pole_lean"), draw(rng, "shape.pole_lean"), 1.0)
                 tall = draw(rng, "shape.pole_half")
                 self.add(CAPSULE, (x, y, z + 1.0), (r, r, tall), material, axes)
 
@@ -494,9 +437,7 @@ _BRIGHTEST = 0.95
 _SHARPNESS = 0.45
 
 
-@lru_cache(maxsize=_LATTICES)
-def _lattice(seed: int) -> NDArray[np.float32]:
-    return noise_lattice(seed)
+_lattice = lru_cache(maxsize=_LATTICES)(noise_lattice)
 
 
 def _step(x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -539,15 +480,6 @@ def _add_rubble(
         higher = inside & (top > relief[place])
         relief[place] = np.where(higher, top, relief[place])
         tint[place] = np.where(higher, bright, tint[place])
-
-
-def _along(x: float, y: float, z: float) -> NDArray[np.float64]:
-    """Axes (rows) whose third one points along a direction."""
-    third = np.array([x, y, z]) / math.sqrt(x * x + y * y + z * z)
-    other = np.array([1.0, 0.0, 0.0]) if abs(third[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
-    first = np.cross(other, third)
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(third, first), third])
 
 
 def _directions(

@@ -20,13 +20,11 @@ from uw_visibility.optics.water_type import (
     daylight_response,
     inherent_properties,
 )
+from uw_visibility_lab.simulation.water import CDOM_WAVELENGTH, PARTICLE_WAVELENGTH
 from uw_visibility_lab.worlds.beliefs import draw, happens
 
 RESPONSES = ("nikon_d5100", "generic", "sigma_sdmerrill")
 """In the order of the belief ``camera.response``."""
-
-CDOM_WAVELENGTH = 440.0
-PARTICLE_WAVELENGTH = 550.0
 
 # Optical paths over which band averages are tabulated; between them their logarithms are nearly
 # straight.
@@ -35,35 +33,19 @@ _PATHS = np.concatenate([[0.0], np.geomspace(0.05, 200.0, 48)])
 
 @dataclass(frozen=True)
 class Water:
-    """Water as the camera's channels see it, RGB; light of 1 is white at the surface.
+    """Water as the camera's channels see it, (3,) RGB; light of 1 is white at the surface."""
 
-    Attributes
-    ----------
-    depth : float
-        Of the camera, m.
-    clear_water : (3,) float64 ndarray
-        κ that is told, 1/m.
-    attenuation, diffuse : (3,) float64 ndarray
-        β of surfaces' light, and K by which daylight fades with depth, 1/m.
-    light, ratio : (3,) float64 ndarray
-        W at that depth, and B/W.
-    forward : (3,) float64 ndarray
-        Rate at which light is scattered by a few degrees, 1/m: beam attenuation is β and this.
-    path : (n,) float64 ndarray
-        Ranges of the tables, m, rising from 0.
-    log_transmission, log_unveiled : (n, 3) float64 ndarray or None
-        Logarithms of the band-averaged transmission, and of what the veil lacks of its value at
-        infinity, over these ranges; None where β is one number a channel.
-    """
-
-    depth: float
-    clear_water: Array
-    attenuation: Array
-    diffuse: Array
-    light: Array
-    ratio: Array
+    depth: float  # of the camera, m
+    clear_water: Array  # told κ, 1/m
+    attenuation: Array  # β of surfaces' light, 1/m
+    diffuse: Array  # K, by which daylight fades with depth, 1/m
+    light: Array  # W at that depth
+    ratio: Array  # B/W
+    # rate at which light is scattered by a few degrees, 1/m: beam attenuation is β and this
     forward: Array
-    path: Array
+    path: Array  # (n,); ranges of the tables, m, rising from 0
+    # log_transmission, log_unveiled: (n, 3); logarithms of the band-averaged transmission, and of
+    # what the veil lacks of its value at infinity; None where β is one number a channel
     log_transmission: Array | None = None
     log_unveiled: Array | None = None
 

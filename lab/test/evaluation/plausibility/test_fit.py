@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import pytest
 
-from uw_visibility.errors import InputError
 from uw_visibility.plausibility.model import Camera
 from uw_visibility_lab.evaluation.plausibility.fit import TIMES, fit, log_likelihood
 from uw_visibility_lab.evaluation.plausibility.series import Series
@@ -49,8 +48,3 @@ def test_frames_without_depth_are_left_out(draw: Callable[..., Series]) -> None:
     told = [seen for k, seen in enumerate(series) if k % 3 == 0]
     assert log_likelihood(TRUE, [gaps]) == log_likelihood(TRUE, [told])
     assert log_likelihood(TRUE, [[replace(seen, depth=math.nan) for seen in series]]) == 0.0
-
-
-def test_without_series_there_is_nothing_to_fit_to() -> None:
-    with pytest.raises(InputError, match="give one or more"):
-        fit([])

@@ -40,6 +40,9 @@ SAND = np.array([0.62, 0.55, 0.45], np.float32)
 """Reflectance that a scene without contrast has."""
 
 
+_reader = lru_cache(maxsize=8)(Reader)
+
+
 @dataclass(frozen=True)
 class AdverseCase:
     """A scene, an effect at one level, and the water."""
@@ -67,7 +70,6 @@ class AdversePlan:
     config: PipelineConfig = field(default_factory=PipelineConfig)  # what the estimators are told
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be simulated."""
         check_range("number of seeds", self.seeds, 1)
         check_range("attenuations", self.attenuations, 0.0, 5.0, "1/m")
         check_range("depths", self.depths, 0.0, 100.0, "m")
@@ -137,8 +139,3 @@ def _fade(view: View, contrast: float) -> View:
         SAND + np.float32(contrast) * (part - SAND) for part in (view.radiance, view.edge_radiance)
     )
     return replace(view, radiance=radiance, edge_radiance=edge_radiance)
-
-
-@lru_cache(maxsize=8)
-def _reader(config: PipelineConfig) -> Reader:
-    return Reader(config)

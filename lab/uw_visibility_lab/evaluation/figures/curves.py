@@ -28,7 +28,7 @@ from uw_visibility_lab.evaluation.figures.style import (
     Style,
     save,
 )
-from uw_visibility_lab.evaluation.reliability import Reliability
+from uw_visibility_lab.evaluation.metrics import Reliability
 
 ROW_HEIGHT = 2.7
 # Okabe and Ito's colours.

@@ -17,6 +17,8 @@ from matplotlib.lines import Line2D
 
 from uw_visibility.optics.light_model import transmission, veil_of
 from uw_visibility_lab.evaluation.cases import IMAGES, MATCHES, CaseResult, Pictures
+from uw_visibility_lab.evaluation.experiments import Evaluation
+from uw_visibility_lab.evaluation.figures import curves
 from uw_visibility_lab.evaluation.figures.style import CHANNEL_COLOURS, DISPARITY_COLOURS, save
 from uw_visibility_lab.evaluation.readings import Truth
 from uw_visibility_lab.evaluation.tables import CHANNELS
@@ -130,8 +132,7 @@ def draw_bins(path: Path, case: CaseResult) -> None:
     that the pipeline found.
     """
     pictures = case.pictures
-    if pictures is None:
-        raise ValueError("the case was evaluated without pictures")
+    assert pictures is not None
     truth, reading = case.truth, case.readings["pipeline"]
     figure = Figure(figsize=(13.0, 5.6), layout="constrained")
     parts = figure.add_gridspec(2, 4, width_ratios=(0.95, 1.0, 1.0, 1.0))
@@ -234,3 +235,31 @@ def _title(name: str, channel: int, case: CaseResult) -> str:
     if np.isfinite(values[0]):
         estimate = f"β = {values[0]:.3f} ± {values[1]:.3f}"
     return f"{name}: {estimate} 1/m\n(truth {truth.attenuation[channel]:.3f} 1/m)"
+
+
+def write_figures(
+    folder: Path, evaluation: Evaluation, file_format: str = "png"
+) -> list[Path]:
+    """Write ``fig3_<scene>``, 5, 6, 7, 9 and ``reliability``; return the files.
+
+    file_format: ``png``, ``pdf`` or ``svg``. Figures without data are left out.
+    """
+    written: list[Path] = []
+
+    def file(name: str) -> Path:
+        written.append(folder / f"{name}.{file_format}")
+        return written[-1]
+
+    shown = [case for case in evaluation.cases if case.pictures is not None]
+    for case in shown:
+        draw_bins(file(f"fig3_{case.scene}"), case)
+    if evaluation.cases:
+        curves.draw_over_attenuation(file("fig6"), evaluation)
+        draw_disparities(file("fig5"), shown)
+        curves.draw_over_depth(file("fig7"), evaluation)
+        deeper = [case for case in evaluation.cases if case.thumbnails]
+        if deeper:
+            draw_over_depth(file("fig7_pictures"), deeper)
+        draw_pictures(file("fig9"), shown)
+        curves.draw_reliability(file("reliability"), evaluation.reliability())
+    return written

@@ -15,7 +15,7 @@ from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility_lab.evaluation.readings import Truth, read_pair
 from uw_visibility_lab.evaluation.studies import StudyResult
 from uw_visibility_lab.simulation.camera import Pose, StereoCamera
-from uw_visibility_lab.simulation.frame import Renderer
+from uw_visibility_lab.simulation.frame import RenderedFrame, Renderer
 from uw_visibility_lab.simulation.lamps import (
     Lighting,
     default_rig,
@@ -65,15 +65,19 @@ def pose_of(seed: int) -> Pose:
     )
 
 
+def render_reef(
+    seed: int, lighting: Lighting, mean_attenuation: float, workers: Workers
+) -> RenderedFrame:
+    """Render a reef by night, as `CAMERA` sees it from a pose of the seed."""
+    return Renderer(CAMERA, workers=workers, lighting=lighting).render(
+        reef(seed, length=1.0), pose_of(seed), Water(mean_attenuation, DEPTH), seed=seed)
+
+
 def evaluate_lamp_case(case: LampCase, config: PipelineConfig) -> StudyResult:
     """Render a frame under lamps, and estimate the water by what is told of them."""
     lamps = default_rig(case.lamps)
     lighting = Lighting(lamps, daylight=False, shaded=case.surfaces == "lambertian")
-    renderer = Renderer(CAMERA, workers=Workers(config.threads), lighting=lighting)
-    frame = renderer.render(
-        reef(case.seed, length=1.0), pose_of(case.seed), Water(case.mean_attenuation, DEPTH),
-        seed=case.seed,
-    )
+    frame = render_reef(case.seed, lighting, case.mean_attenuation, Workers(config.threads))
     told = {
         "known": lighting_parameters(lamps, daylight=False),
         "misplaced": lighting_parameters(
@@ -91,10 +95,7 @@ def evaluate_lamp_case(case: LampCase, config: PipelineConfig) -> StudyResult:
             matched=case.matched)[0]
         for name, parameters in told.items()
     }
-    labels = {
-        "seed": case.seed, "lamps": case.lamps, "mean_attenuation": case.mean_attenuation,
-        "surfaces": case.surfaces,
-    }
+    labels = {name: value for name, value in vars(case).items() if name != "matched"}
     return StudyResult(labels, truth, readings)
 
 

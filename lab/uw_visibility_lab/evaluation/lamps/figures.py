@@ -90,21 +90,21 @@ def draw_survey(path: Path, survey: SurveyResult) -> None:
                     f"{title}\nσ/mean {variation} %, ΔE*ab {survey.difference[name]:.1f}",
                     fontsize=9)
     axes = lower.subplots()
-    frames = np.arange(len(survey.rows))
+    frames = np.arange(len(survey.pooled))
     for c, name in enumerate(CHANNELS):
         value, sigma = (
-            np.array([getattr(row.pooled, field)[c] for row in survey.rows])
+            np.array([getattr(reading, field)[c] for reading in survey.pooled])
             for field in ("attenuation", "attenuation_stddev")
         )
         colour = style.CHANNEL_COLOURS[name]
         axes.fill_between(
             frames, value - sigma, value + sigma, color=colour, alpha=0.15, linewidth=0.0)
         axes.plot(frames, value, color=colour, label=f"{name}, with the frames before")
-        axes.axhline(survey.rows[0].truth.attenuation[c], color=colour, linestyle="--")
+        axes.axhline(survey.truth.attenuation[c], color=colour, linestyle="--")
         axes.plot(
-            frames, [row.single.attenuation[c] for row in survey.rows], ".", color=colour,
+            frames, [reading.attenuation[c] for reading in survey.single], ".", color=colour,
             alpha=0.4)
-    axes.set_ylim(0.0, 2.0 * max(survey.rows[0].truth.attenuation))
+    axes.set_ylim(0.0, 2.0 * max(survey.truth.attenuation))
     axes.set_xlabel("frame")
     axes.set_ylabel("β [1/m], ± 1 σ")
     axes.plot([], [], ".", color=style.INPUT, label="each frame alone")

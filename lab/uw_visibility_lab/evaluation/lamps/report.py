@@ -13,8 +13,9 @@ import numpy as np
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import check_range
+from uw_visibility_lab.evaluation.lamps import survey as surveys
 from uw_visibility_lab.evaluation.lamps.cases import SURFACES, TOLD, LampCase
-from uw_visibility_lab.evaluation.lamps.survey import PICTURES, SurveyPlan, SurveyResult
+from uw_visibility_lab.evaluation.lamps.survey import PICTURES, SurveyResult
 from uw_visibility_lab.evaluation.readings import Reading, Truth
 from uw_visibility_lab.evaluation.studies import (
     StudyResult,
@@ -27,6 +28,7 @@ from uw_visibility_lab.evaluation.summary import OK, Summary
 from uw_visibility_lab.evaluation.tables import (
     CHANNELS,
     as_text,
+    flat,
     number,
     told,
     write_report,
@@ -45,6 +47,8 @@ NEAR = 0.2
 
 ATTENUATIONS = (0.05, 0.1, 0.2, 0.3)
 LAMPS = (2, 4)
+"""Numbers of lamps, see `default_rig`."""
+
 SEEDS = 3
 FRAMES = 100
 
@@ -54,25 +58,26 @@ class LampPlan:
     """Plan of a study under lamps."""
 
     attenuations: tuple[float, ...] = ATTENUATIONS  # attenuation by grey particles, 1/m
-    lamps: tuple[int, ...] = LAMPS  # numbers of lamps, see `default_rig`
     surfaces: tuple[str, ...] = SURFACES  # of `SURFACES`
     seeds: int = SEEDS  # number of reefs, each with a pose and noise of its own
     matched: bool = True  # whether ranges are matched by the pipeline instead of true
-    survey: SurveyPlan | None = None  # the survey; None for none
+    survey: int = FRAMES  # number of frames of the survey; 0 for none
     # what the pipeline is told beside the lamps
     config: PipelineConfig = field(default_factory=PipelineConfig)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be rendered."""
         check_range("number of seeds", self.seeds, 1)
         check_range("attenuations", self.attenuations, 0.0, 5.0, "1/m")
+        if self.survey:
+            check_range(
+                "number of frames of the survey", self.survey, surveys.FEWEST_FRAMES, 10_000)
 
     def cases(self) -> list[LampCase]:
         """Return the cases, reef by reef."""
         return [
             LampCase(seed, lamps, attenuation, surfaces, self.matched)
             for seed in range(self.seeds)
-            for lamps in self.lamps
+            for lamps in LAMPS
             for surfaces in self.surfaces
             for attenuation in self.attenuations
         ]
@@ -119,17 +124,15 @@ def _split(results: Sequence[StudyResult], label: str) -> dict[str, dict[str, Su
 
 
 def _of_survey(survey: SurveyResult) -> Summary:
-    truth = survey.rows[-1].truth
-    last = survey.rows[-1].pooled
+    truth, last = survey.truth, survey.pooled[-1]
     errors = np.array(last.attenuation) / np.array(truth.attenuation) - 1.0
-    first = next(
-        (k + 1 for k, row in enumerate(survey.rows) if row.pooled.status == OK), None)
+    first = next((k + 1 for k, each in enumerate(survey.pooled) if each.status == OK), None)
     return {
-        "frames": len(survey.rows),
+        "frames": len(survey.pooled),
         "cells": survey.cells,
         "views": survey.views,
-        "single": of_pairs([(row.truth, row.single) for row in survey.rows]),
-        "pooled": of_pairs([(row.truth, row.pooled) for row in survey.rows]),
+        "single": of_pairs([(truth, reading) for reading in survey.single]),
+        "pooled": of_pairs([(truth, reading) for reading in survey.pooled]),
         "first_assessed": first,
         "last_status": last.status,
         "attenuation": dict(zip(CHANNELS, truth.attenuation, strict=True)),
@@ -171,16 +174,18 @@ def write_lamps(
 ) -> None:
     """Write ``lamp_cases.csv``, ``survey.csv`` and ``evaluation.json``."""
     cases = [result.row() for result in results]
-    frames = [] if survey is None else [row.row(k) for k, row in enumerate(survey.rows)]
+    frames = [] if survey is None else [
+        flat({"frame": k, "true": survey.truth, "single": single, "pooled": pooled})
+        for k, (single, pooled) in enumerate(zip(survey.single, survey.pooled, strict=True))]
     settings = {
         "attenuations": plan.attenuations,
-        "lamps": plan.lamps,
+        "lamps": LAMPS,
         "surfaces": plan.surfaces,
         "seeds": plan.seeds,
         "ranges": "matched" if plan.matched else "true",
-        "survey": None if plan.survey is None else {
-            "frames": plan.survey.frames, "lamps": plan.survey.lamps,
-            "mean_attenuation": plan.survey.mean_attenuation, "surfaces": plan.survey.surfaces,
+        "survey": None if survey is None else {
+            "frames": plan.survey, "lamps": surveys.LAMPS,
+            "mean_attenuation": surveys.MEAN_ATTENUATION, "surfaces": SURFACES[0],
         },
         "parameters": told(plan.config),
     }

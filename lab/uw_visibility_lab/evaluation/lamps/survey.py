@@ -9,27 +9,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.errors import check_range
 from uw_visibility.images.arrays import Array, Map
 from uw_visibility.optics.transfer import to_linear
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.water.series.filter import WaterFilter
 from uw_visibility_lab.evaluation.lamps.cases import DEPTH, clear_water
-from uw_visibility_lab.evaluation.lamps.ground import GroundCells, ground_cells
 from uw_visibility_lab.evaluation.metrics import colour_difference
 from uw_visibility_lab.evaluation.parallel import Progress, run_all
 from uw_visibility_lab.evaluation.readings import Reading, Truth
-from uw_visibility_lab.evaluation.tables import flat
 from uw_visibility_lab.simulation.camera import Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import RenderedFrame, Renderer
 from uw_visibility_lab.simulation.lamp_light import lamp_array, light_surfaces, scatter
@@ -65,75 +61,146 @@ LEARNING = 0.3
 NEAREST = 0.7
 """Range in m that disparities are searched to."""
 
+CELL = 0.1
+"""Width of a piece of ground, m."""
+
+HALF_WIDTH = 0.6
+"""Ground counts so far to either side of the way, m: beyond stand corals."""
+
+WHOLE = 0.8
+"""Share of a piece's pixels that a frame must show, of those that a level one has."""
+
+FEWEST_VIEWS = 8
+"""Frames that must show a piece."""
+
+STEADY = 0.03
+"""Largest variation of the true reflectance: what varies more is hidden in some frames."""
+
+DARK = 0.05
+"""Reflectance below which a piece's relative variation says little."""
+
+
+def ground_cells(
+    ranges: Map, camera: StereoCamera, pose: Pose, length: float
+) -> NDArray[np.int64]:
+    """Number of the piece of ground that each pixel sees; −1 for what does not count.
+
+    Ground counts up to a length along x, m, and pieces that the frame shows whole.
+    """
+    rays = camera.rig.ray_directions((camera.height, camera.width))
+    distance = np.where(np.isfinite(ranges), ranges, 0.0)[..., np.newaxis]
+    points = distance * (rays @ pose.rotation().T) + pose.position
+    column, row = (np.floor(points[..., k] / CELL).astype(np.int64) for k in (0, 1))
+    columns, rows = round(length / CELL), round(HALF_WIDTH / CELL)
+    inside = np.isfinite(ranges) & (column >= 0) & (column < columns)
+    inside &= (row >= -rows) & (row < rows)
+    cells = np.where(inside, (row + rows) * columns + column, -1)
+    count = np.bincount(cells[inside], minlength=2 * rows * columns)
+    depth = distance[..., 0] * rays[..., 2]
+    total = np.bincount(cells[inside], depth[inside], minlength=len(count))
+    level = (CELL * camera.focal_length * count / np.maximum(total, 1e-9)) ** 2
+    part = count < WHOLE * level
+    cells[inside & part[cells]] = -1
+    return np.asarray(cells)
+
 
 @dataclass(frozen=True)
-class SurveyPlan:
-    """Plan of a survey."""
+class GroundCells:
+    """Pieces of ground that several frames show whole."""
 
-    frames: int = 100  # number of frames
-    lamps: int = 2  # number of lamps, see `default_rig`
-    mean_attenuation: float = 0.15  # attenuation by grey particles, 1/m
-    surfaces: str = "lambertian"  # see `LampCase`
-    seed: int = 0  # seed of ground and noise
-    # what the pipeline is told beside the lamps
-    config: PipelineConfig = field(default_factory=PipelineConfig)
+    cells: Sequence[NDArray[np.int64]]  # (H, W); by frame, see `ground_cells`
+    steady: NDArray[np.bool_]  # (n, 3); pieces that count, by channel
+    views: int  # median number of frames that see one
 
-    def __post_init__(self) -> None:
-        """Refuse a survey of too few frames."""
-        check_range("number of frames of the survey", self.frames, FEWEST_FRAMES, 10_000)
+    @classmethod
+    def of(cls, truth: Sequence[Map], cells: Sequence[NDArray[np.int64]]) -> GroundCells:
+        """Choose the pieces of ground that look alike in the frames' true reflectance."""
+        size = max(int(c.max()) for c in cells) + 1
+        everything = cls(cells, np.ones((max(size, 1), 3), np.bool_), 0)
+        means = everything.means(truth)
+        views = np.isfinite(means[..., 1]).sum(axis=0)
+        mean, deviation = _moments(means)
+        steady = (views >= FEWEST_VIEWS)[:, np.newaxis] & (mean > DARK)
+        steady &= deviation <= STEADY * mean
+        seen = views[steady.any(axis=1)]
+        return cls(cells, steady, int(np.median(seen)) if len(seen) else 0)
 
     @property
-    def lighting(self) -> Lighting:
-        """What lights the ground."""
-        return Lighting(
-            default_rig(self.lamps), daylight=False, shaded=self.surfaces == "lambertian")
+    def count(self) -> int:
+        """Number of pieces that count."""
+        return int(self.steady.any(axis=1).sum())
 
-    def pose(self, index: int) -> Pose:
-        """Return the camera's pose in a frame: to and fro along lines 0.4 m apart."""
-        progress = LINES * index / self.frames
-        line = int(progress)
-        along, forth = progress - line, line % 2 == 0
-        low, high = ALTITUDES
-        rise = 0.5 - 0.5 * math.cos(2.0 * math.pi * index / PERIOD)
-        return Pose(
-            (
-                LENGTH * (along if forth else 1.0 - along),
-                0.2 if line % LINES in (1, 2) else -0.2,
-                low + (high - low) * rise,
-            ),
-            heading=(0.0 if forth else math.pi) + 0.1 * math.sin(0.7 * index),
-            tilt=math.pi / 2 + 0.06 * math.sin(0.9 * index),
-            roll=0.05 * math.sin(0.5 * index + 0.5),
-        )
+    def means(self, images: Sequence[Map]) -> Array:
+        """Mean of each piece in each frame, (frames, n, 3); NaN where it is not seen."""
+        size = len(self.steady)
+        means = np.full((len(images), size, 3), np.nan)
+        for k, (image, cells) in enumerate(zip(images, self.cells, strict=True)):
+            known = (cells >= 0) & np.isfinite(image).all(axis=2)
+            count = np.bincount(cells[known], minlength=size)
+            seen = count > 0
+            for c in range(3):
+                total = np.bincount(cells[known], image[known][:, c], minlength=size)
+                means[k, seen, c] = total[seen] / count[seen]
+        return means
 
-
-@dataclass(frozen=True)
-class SurveyFrame:
-    """A frame of a survey, and the ground that it shows."""
-
-    frame: RenderedFrame  # the pair and its truth
-    cells: NDArray[np.int64]  # (H, W); see `ground_cells`
+    def variation(self, images: Sequence[Map]) -> Array:
+        """Standard deviation over mean of the same ground over the frames, RGB."""
+        mean, deviation = _moments(self.means(images))
+        relative = deviation / np.maximum(mean, 1e-9)
+        return np.array([
+            relative[self.steady[:, c], c].mean() if self.steady[:, c].any() else np.nan
+            for c in range(3)
+        ])
 
 
-def render_survey_frame(index: int, plan: SurveyPlan) -> SurveyFrame:
-    """Render one frame of a survey; all have one exposure."""
-    scene, renderer, exposure = _prepared(plan.seed, plan.mean_attenuation, plan.lighting)
-    pose = plan.pose(index)
-    frame = renderer.render(
-        scene, pose, Water(plan.mean_attenuation, DEPTH, exposure),
-        seed=plan.seed * 1_000_003 + index,
+def _moments(means: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation over the frames that see a piece; 0 for none."""
+    seen = np.isfinite(means)
+    count = np.maximum(seen.sum(axis=0), 1)
+    mean = np.where(seen, means, 0.0).sum(axis=0) / count
+    square = np.where(seen, np.square(means - mean), 0.0).sum(axis=0) / count
+    return mean, np.sqrt(square)
+
+
+LAMPS = 2
+MEAN_ATTENUATION = 0.15
+"""Attenuation by grey particles, 1/m."""
+
+LIGHTING = Lighting(default_rig(LAMPS), daylight=False)
+
+
+def pose_of(index: int, frames: int) -> Pose:
+    """Return the camera's pose in a frame of so many: to and fro along lines 0.4 m apart."""
+    progress = LINES * index / frames
+    line = int(progress)
+    along, forth = progress - line, line % 2 == 0
+    low, high = ALTITUDES
+    rise = 0.5 - 0.5 * math.cos(2.0 * math.pi * index / PERIOD)
+    return Pose(
+        (
+            LENGTH * (along if forth else 1.0 - along),
+            0.2 if line % LINES in (1, 2) else -0.2,
+            low + (high - low) * rise,
+        ),
+        heading=(0.0 if forth else math.pi) + 0.1 * math.sin(0.7 * index),
+        tilt=math.pi / 2 + 0.06 * math.sin(0.9 * index),
+        roll=0.05 * math.sin(0.5 * index + 0.5),
     )
-    return SurveyFrame(frame, ground_cells(frame.range_left, CAMERA, pose, LENGTH))
 
 
-@lru_cache(maxsize=2)
-def _prepared(
-    seed: int, mean_attenuation: float, lighting: Lighting
-) -> tuple[Scene, Renderer, float]:
+def render_survey_frame(index: int, frames: int) -> RenderedFrame:
+    """Render one frame of a survey of so many; all have one exposure."""
+    scene, renderer, exposure = _prepared(CAMERA)
+    return renderer.render(
+        scene, pose_of(index, frames), Water(MEAN_ATTENUATION, DEPTH, exposure), seed=index)
+
+
+@lru_cache(maxsize=1)
+def _prepared(camera: StereoCamera) -> tuple[Scene, Renderer, float]:
     """Return ground, renderer, and the exposure that suits the lowest frame."""
-    scene = reef(seed, length=LENGTH, view=12.0)
-    renderer = Renderer(CAMERA, workers=Workers(1), lighting=lighting)
-    water = Water(mean_attenuation, DEPTH)
+    scene = reef(length=LENGTH, view=12.0)
+    renderer = Renderer(camera, workers=Workers(1), lighting=LIGHTING)
+    water = Water(MEAN_ATTENUATION, DEPTH)
     exposure = min(
         renderer.exposure_for(scene, Pose((x, 0.0, ALTITUDES[0]), tilt=math.pi / 2), water)
         for x in np.linspace(0.0, LENGTH, 5).tolist()
@@ -142,24 +209,13 @@ def _prepared(
 
 
 @dataclass(frozen=True)
-class SurveyRow:
-    """What a frame of a survey says of the water, and what all up to it say."""
-
-    truth: Truth  # the water
-    single: Reading  # single, pooled: the frame alone, and the filter over the frames up to it
-    pooled: Reading
-
-    def row(self, index: int) -> dict[str, Any]:
-        """Return the frame as a row of a table."""
-        return flat({
-            "frame": index, "true": self.truth, "single": self.single, "pooled": self.pooled})
-
-
-@dataclass(frozen=True)
 class SurveyResult:
     """Results of a survey."""
 
-    rows: list[SurveyRow]  # by frame
+    truth: Truth  # the water
+    # single, pooled: by frame; of the frame alone, and of the filter over the frames up to it
+    single: list[Reading]
+    pooled: list[Reading]
     # standard deviation over mean of the same ground over the frames, RGB, by the names of
     # `PICTURES`; the truth's is what changes of resolution leave of it
     variation: dict[str, Array]
@@ -176,47 +232,54 @@ class SurveyResult:
 
 
 def run_survey(
-    plan: SurveyPlan, jobs: int = 1, progress: Progress = lambda items, _: items
+    number: int, config: PipelineConfig, jobs: int = 1,
+    progress: Progress = lambda items, _: items,
 ) -> SurveyResult:
-    """Render a survey, process it frame by frame, and compare the ground's colours."""
-    frames = run_all(render_survey_frame, range(plan.frames), (plan,), jobs, progress)
-    rows, ours = _process(plan, frames, progress)
+    """Render a survey of so many frames, process them in turn, and compare the ground's colours.
+
+    config: what the pipeline is told beside the lamps.
+    """
+    frames = run_all(render_survey_frame, range(number), (number,), jobs, progress)
+    config = PipelineConfig.from_parameters({
+        **config.to_parameters(),
+        **lighting_parameters(LIGHTING.lamps, daylight=False),
+        "stereo.max_disparity": int(CAMERA.focal_length * CAMERA.baseline / NEAREST),
+    })
+    single, pooled, ours = _process(config, frames, progress)
     images = {
-        **ours, "oracle": _oracle(plan, frames),
-        "raw": [to_linear(frame.frame.left, "linear") for frame in frames],
-        "truth": [frame.frame.radiance_left for frame in frames]}
+        **ours, "oracle": [_oracle(frame) for frame in frames],
+        "raw": [to_linear(frame.left, "linear") for frame in frames],
+        "truth": [frame.radiance_left for frame in frames]}
     truth = images["truth"]
     scaled = {name: at_best_exposure(some, truth) for name, some in images.items()}
-    ground = GroundCells.of(truth, [frame.cells for frame in frames])
-    first = round(LEARNING * len(frames))
-    later = GroundCells.of(truth[first:], [frame.cells for frame in frames[first:]])
-    shown = sorted({(k * len(frames)) // 3 for k in range(3)})
+    cells = [
+        ground_cells(frame.range_left, CAMERA, pose_of(k, number), LENGTH)
+        for k, frame in enumerate(frames)]
+    ground, first = GroundCells.of(truth, cells), round(LEARNING * number)
+    later = GroundCells.of(truth[first:], cells[first:])
     return SurveyResult(
-        rows,
+        Truth.of_water(
+            frames[0].attenuation, np.zeros(3), clear_water(config), DEPTH,
+            config.assessment.contrast),
+        single,
+        pooled,
         {name: ground.variation(images[name]) for name in PICTURES},
         later.variation(images["online"][first:]),
         {name: mean_difference(scaled[name], truth) for name in PICTURES},
         ground.count,
         ground.views,
-        [{name: scaled[name][k] for name in PICTURES} for k in shown],
+        [{name: scaled[name][k] for name in PICTURES}
+         for k in sorted({(k * number) // 3 for k in range(3)})],
     )
 
 
 def _process(
-    plan: SurveyPlan, frames: Sequence[SurveyFrame], progress: Progress
-) -> tuple[list[SurveyRow], dict[str, list[Map]]]:
+    config: PipelineConfig, frames: Sequence[RenderedFrame], progress: Progress
+) -> tuple[list[Reading], list[Reading], dict[str, list[Map]]]:
     """Let the pipeline and the filter see the frames in turn, then restore them once more."""
-    config = PipelineConfig.from_parameters({
-        **plan.config.to_parameters(),
-        **lighting_parameters(plan.lighting.lamps, daylight=False),
-        "stereo.max_disparity": int(CAMERA.focal_length * CAMERA.baseline / NEAREST),
-    })
-    truth = Truth.of_water(
-        frames[0].frame.attenuation, np.zeros(3), clear_water(config), DEPTH,
-        config.assessment.contrast,
-    )
     pipeline, water_filter = Pipeline(CAMERA.rig, config), WaterFilter(config)
-    rows: list[SurveyRow] = []
+    single: list[Reading] = []
+    pooled: list[Reading] = []
     restored: dict[str, list[Map]] = {"online": [], "ours": []}
 
     def see(frame: RenderedFrame, name: str) -> FrameResult:
@@ -225,35 +288,30 @@ def _process(
         restored[name].append(to_linear(result.left_enhanced, config.camera.transfer))
         return result
 
-    for index, survey_frame in progress(iter(enumerate(frames)), len(frames)):
-        result = see(survey_frame.frame, "online")
-        single = Reading.of_result(result)
+    for index, frame in progress(iter(enumerate(frames)), len(frames)):
+        result = see(frame, "online")
+        single.append(Reading.of_result(result))
         filtered = water_filter.update(result.water, float(index))
-        pooled = single if filtered is None else Reading.of_result(filtered)
-        rows.append(SurveyRow(truth, single, pooled))
+        pooled.append(single[-1] if filtered is None else Reading.of_result(filtered))
     # As for a mosaic: with the light of all frames.
-    for _, survey_frame in progress(iter(enumerate(frames)), len(frames)):
-        see(survey_frame.frame, "ours")
-    return rows, restored
+    for _, frame in progress(iter(enumerate(frames)), len(frames)):
+        see(frame, "ours")
+    return single, pooled, restored
 
 
-def _oracle(plan: SurveyPlan, frames: Sequence[SurveyFrame]) -> list[Map]:
+def _oracle(frame: RenderedFrame) -> Map:
     """Invert the light model by the renderer's own integrals: what no estimate can beat."""
     rays = CAMERA.rig.ray_directions((CAMERA.height, CAMERA.width))
-    lighting, workers = plan.lighting, Workers(1)
-    restored = []
-    for survey_frame in frames:
-        frame = survey_frame.frame
-        lamps, beta = lamp_array(frame.lamps, 0.0), frame.attenuation
-        white = np.ones_like(frame.radiance_left)
-        light = light_surfaces(rays, frame.range_left, white, None, lamps, beta, workers)
-        veil = scatter(
-            rays, frame.range_left, lamps, beta, beta * lighting.scattering_albedo,
-            lighting.phase_function, workers,
-        )
-        seen = to_linear(frame.left, "linear")
-        restored.append(np.maximum((seen - veil) / np.maximum(light, np.float32(1e-6)), 0.0))
-    return restored
+    workers = Workers(1)
+    lamps, beta = lamp_array(frame.lamps, 0.0), frame.attenuation
+    white = np.ones_like(frame.radiance_left)
+    light = light_surfaces(rays, frame.range_left, white, None, lamps, beta, workers)
+    veil = scatter(
+        rays, frame.range_left, lamps, beta, beta * LIGHTING.scattering_albedo,
+        LIGHTING.phase_function, workers,
+    )
+    seen = to_linear(frame.left, "linear")
+    return np.maximum((seen - veil) / np.maximum(light, np.float32(1e-6)), 0.0)
 
 
 def at_best_exposure(images: Sequence[Map], truth: Sequence[Map]) -> list[Map]:

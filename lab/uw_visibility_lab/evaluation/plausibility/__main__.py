@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fit what the check of a depth sensor believes of the camera.
 
-Renders twelve transects of 240 frames, which takes ten minutes of computing, fits
+Renders twelve transects of 240 frames, which takes twenty minutes of computing, fits
 `uw_visibility.plausibility.model.CAMERA` to nine of them, and prints it with its likelihood over
 these and over the three others, which have another way, beside that of the package's constants.
 """
@@ -24,13 +24,15 @@ def main() -> None:
     parser.add_argument(
         "--threads", type=int, default=0, help="threads that render; 0 for one per processor")
     workers = Workers(parser.parse_args().threads)
-    fitted, left_out = render_series(FITTED, workers), render_series(LEFT_OUT, workers)
-    camera = rounded(fit(list(fitted.values())))
+    fitted, left_out = (
+        [render_series(transect, workers) for transect in transects.values()]
+        for transects in (FITTED, LEFT_OUT))
+    camera = rounded(fit(fitted))
     print("fitted to " + "; ".join(FITTED))
     print(f"CAMERA = {camera}")
     for name, each in {"fitted": camera, "the package's": CAMERA}.items():
-        print(f"log likelihood, {name}: {log_likelihood(each, fitted.values()):.1f}, "
-              f"left out {log_likelihood(each, left_out.values()):.1f}")
+        print(f"log likelihood, {name}: {log_likelihood(each, fitted):.1f}, "
+              f"left out {log_likelihood(each, left_out):.1f}")
 
 
 def rounded(camera: Camera) -> Camera:

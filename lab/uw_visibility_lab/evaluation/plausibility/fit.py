@@ -12,7 +12,6 @@ from scipy.optimize import minimize
 from scipy.special import expit, logit
 
 from uw_visibility.config.schema import PlausibilityConfig
-from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
 from uw_visibility.plausibility.comparison import DepthSample
 from uw_visibility.plausibility.model import INTERVAL, Camera, RightSensor, Taken
@@ -41,11 +40,7 @@ def fit(series: Sequence[Series], start: Camera = START, steps: int = STEPS) -> 
     """Return the constants under which the innovations of exact sensors are likeliest.
 
     The search is quasi-Newton in logarithms (L-BFGS-B, doi:10.1145/279232.279236).
-
-    Raises `InputError` if there is no series.
     """
-    if not series:
-        raise InputError("no series of depths to fit to: give one or more")
     first = _to_numbers(start)
     found = minimize(
         lambda numbers: -log_likelihood(_from_numbers(numbers), series), first,

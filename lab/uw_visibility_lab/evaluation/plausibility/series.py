@@ -4,18 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.pipeline.pipeline import Pipeline
-from uw_visibility_lab.simulation.camera import CameraEffects, Pose, StereoCamera
-from uw_visibility_lab.simulation.frame import Effects, Renderer
-from uw_visibility_lab.simulation.lamp_image import CameraView
-from uw_visibility_lab.simulation.scene import Scene
+from uw_visibility_lab.simulation.camera import CameraEffects, StereoCamera
+from uw_visibility_lab.simulation.frame import Effects
 from uw_visibility_lab.simulation.transect import Transect
 from uw_visibility_lab.simulation.water import WaterEffects
 
@@ -77,60 +73,13 @@ LEFT_OUT: dict[str, Transect] = {
 """Transects left out of the fit: other ways, other waters."""
 
 
-def render_series(
-    transects: Mapping[str, Transect], workers: Workers | None = None
-) -> dict[str, Series]:
-    """Render transects, those of one way together, and return the series of each."""
-    ways: dict[tuple[int, float], list[str]] = {}
-    for name, transect in transects.items():
-        ways.setdefault((transect.seed, transect.length), []).append(name)
-    found: dict[str, Series] = {}
-    for names in ways.values():
-        swum = zip(*swim([transects[name] for name in names], workers), strict=True)
-        found |= dict(zip(names, map(list, swum), strict=True))
-    return {name: found[name] for name in transects}
-
-
-def swim(
-    transects: Sequence[Transect], workers: Workers | None = None
-) -> Iterator[tuple[Seen, ...]]:
-    """Render transects of one way, and yield what the pipeline tells of each frame's depth.
-
-    The rays of a frame are cast once for all of them: they differ in water, light and cameras'
-    effects alone, and noise of the same seed.
-    """
-    views: Views = {}
-    rendered, pipelines = [], []
-    for plan in transects:
-        rendered.append(plan.render_by(_Renderer(
-            plan.camera, plan.sensor, plan.effects, workers or Workers(), plan.camera_effects,
-            plan.lighting, views)))
-        config = PipelineConfig.from_parameters(
-            {"stereo.max_disparity": MAX_DISPARITY, "threads": 1})
-        pipelines.append(Pipeline(plan.camera.rig, config))
-    for frames in zip(*rendered, strict=True):
-        row = []
-        for pipeline, (time, frame) in zip(pipelines, frames, strict=True):
-            told = pipeline.process(frame.left, frame.right, enhance=()).visibility
-            row.append(Seen(time, frame.depth, told.depth, told.depth_stddev, told.depth_precision))
-        yield tuple(row)
-
-
-Views = dict[tuple[StereoCamera, Pose, float], CameraView]
-
-
-@dataclass(frozen=True)
-class _Renderer(Renderer):
-    """A renderer that has what another one on the same way saw from the same pose."""
-
-    views: Views = field(default_factory=dict)  # the last two: left and right
-
-    def look(self, scene: Scene, camera: StereoCamera, pose: Pose, offset: float) -> CameraView:
-        """Return what a camera sees in air; see `Renderer.look`."""
-        key = camera, pose, offset
-        if key not in self.views:
-            while len(self.views) > 1:
-                del self.views[next(iter(self.views))]
-            self.views[key] = super().look(scene, camera, pose, offset)
-        # Caustics are added in place.
-        return deepcopy(self.views[key])
+def render_series(transect: Transect, workers: Workers | None = None) -> Series:
+    """Render a transect, and return what the pipeline tells of each frame's depth."""
+    config = PipelineConfig.from_parameters({"stereo.max_disparity": MAX_DISPARITY, "threads": 1})
+    pipeline = Pipeline(transect.camera.rig, config)
+    series = []
+    for time, frame in transect.render(workers):
+        told = pipeline.process(frame.left, frame.right, enhance=()).visibility
+        series.append(
+            Seen(time, frame.depth, told.depth, told.depth_stddev, told.depth_precision))
+    return series
