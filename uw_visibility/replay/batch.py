@@ -234,11 +234,11 @@ class _Replay:
         lights = LightHistory(pool.read_ahead)
         with closing(Progress(self._reader.path.name, self._stream.expected_frames)) as progress:
             for item in pool.answers(
-                self._tasks(self._stream.events(), lights), lambda: self._recorder.known
+                self._tasks(self._stream.events(), lights), lambda: self._recorder.filter.known
             ):
                 if isinstance(item, FrameAnswer):
                     filtered = self._recorder.write_frame(item)
-                    lights.add(self._recorder.lamps)
+                    lights.add(self._recorder.filter.lamps)
                     self._write_rows(self._joiner.add_frame(item.record, filtered))
                     progress.add()
                 else:

@@ -40,15 +40,7 @@ from uw_visibility.replay.report.sentences import (
     rounded,
     verdict,
 )
-from uw_visibility.replay.report.svg import (
-    ESTIMATE,
-    FILTERED,
-    RULE,
-    Spot,
-    draw,
-    fit_layout,
-    variables,
-)
+from uw_visibility.replay.report.svg import ESTIMATE, FILTERED, RULE, Spot, draw, variables
 from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_tracks
 from uw_visibility.replay.results.refusals import OTHER_CHANNELS, STATUS_COLUMNS, WHOLE_FRAME
 from uw_visibility.replay.results.summary import Summary
@@ -322,8 +314,7 @@ def _said(row: Mapping[str, str], column: str) -> str:
 
 
 def _value(row: Mapping[str, str], name: str) -> str:
-    spread = row[f"{name}_stddev"]
-    return rounded(float(row[name]), float(spread)) if spread else number(float(row[name]))
+    return rounded(float(row[name]), float(row[f"{name}_stddev"] or "nan"))
 
 
 def _clearest(row: Mapping[str, str]) -> str:
@@ -398,7 +389,7 @@ def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Marku
     x, x_stddev, y = chosen[AGAINST], chosen[f"{AGAINST}_stddev"], chosen[name]
 
     def paint(figure: Figure, narrow: bool) -> list[Spot]:
-        fit_layout(figure)
+        figure.set_layout_engine("constrained")
         scatter, residuals = figure.subplots(*((2, 1) if narrow else (1, 2)))
         scatter.errorbar(
             x, y, xerr=x_stddev, fmt=".", color=ESTIMATE, elinewidth=0.6, alpha=0.6,
@@ -410,7 +401,7 @@ def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Marku
         else:
             _draw_fit(scatter, fit)
             residuals.errorbar(
-                figures.clock_time(chosen["stamp"]), y - fit.intercept - fit.slope * x,
+                chosen["stamp"] / figures.DAY, y - fit.intercept - fit.slope * x,
                 abs(fit.slope) * x_stddev, fmt=".", color=ESTIMATE, elinewidth=0.6, alpha=0.6)
             residuals.axhline(0.0, color=FILTERED, linewidth=1.0)
         figures.clock_axis(residuals, narrow=True)

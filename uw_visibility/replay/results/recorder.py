@@ -20,9 +20,8 @@ from uw_visibility.replay.records import FrameEstimate, JoinedFrame
 from uw_visibility.replay.results.mcap import ResultWriter
 from uw_visibility.replay.table import TableWriter, write_dictionary
 from uw_visibility.replay.work import FrameAnswer
-from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.meaning.derived import DerivedModel
-from uw_visibility.water.series.filter import FilteredWater, KnownWater, WaterFilter
+from uw_visibility.water.series.filter import FilteredWater, WaterFilter
 
 Row = dict[str, str]
 
@@ -69,6 +68,7 @@ class FrameRecorder:
 
     folder, options, copied: as `ResultWriter` takes them.
     earlier: timings of the frames that an earlier part had worked on.
+    filter: takes the frames in order, whichever process answered them.
     log: what only a resumed replay would need.
     """
 
@@ -91,20 +91,8 @@ class FrameRecorder:
         self.results = ResultWriter(folder, options, copied)
         self._node = options.node
         self._types, self._make = jazzy_types()
-        # The filter needs the frames in order, whichever process
-        # answered them.
-        self._filter = WaterFilter(options.pipeline)
+        self.filter = WaterFilter(options.pipeline)
         self.log = FrameLog(folder)
-
-    @property
-    def lamps(self) -> LampLight | None:
-        """Light of the lamps over the frames so far; see `WaterFilter.lamps`."""
-        return self._filter.lamps
-
-    @property
-    def known(self) -> KnownWater | None:
-        """Water that the frames so far tell; see `WaterFilter.known`."""
-        return self._filter.known
 
     def write_frame(self, answer: FrameAnswer) -> FilteredWater | None:
         """Write the messages of a frame, filtered ones too; returns the filtered estimate."""
@@ -112,7 +100,7 @@ class FrameRecorder:
         self.results.write_messages(answer.messages, record.time)
         self._write_timing(answer)
         if record.estimate is not None:
-            filtered = self._filter.update(
+            filtered = self.filter.update(
                 record.estimate.water, record.estimate.header.seconds, record.estimate.rig)
             if filtered is not None:
                 messages = list(self._filtered_messages(record.estimate, filtered))
