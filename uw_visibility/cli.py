@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 
 from uw_visibility import __version__
 from uw_visibility.commands import calibrate, enhance, replay, warmup
-from uw_visibility.compute.blas import use_one_thread
+from uw_visibility.compute.threads import use_one_thread
 from uw_visibility.errors import InputError, needing, printable
 
 DONE, FAILED, UNUSABLE = 0, 1, 2
