@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.config.water import WaterConfig
+from uw_visibility.config.schema import PipelineConfig, WaterConfig
 from uw_visibility.images.view import View
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.daylight import network
