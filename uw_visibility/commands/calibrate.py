@@ -50,7 +50,6 @@ SHOWN_TYPES = 5
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
     add_recording_options(parser)
     parser.add_argument("-o", "--output", metavar="YAML", type=Path, help="file to write")
     parser.add_argument("--force", action="store_true", help="replace a file that calibrate wrote")
@@ -64,7 +63,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command."""
     _check_target(arguments)
     if arguments.lamps is not None and not arguments.lighting:
         raise InputError("--lamps is for --lighting: give both, or neither")

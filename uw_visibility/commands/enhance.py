@@ -65,7 +65,6 @@ exit code: 0 done, 2 unusable input or options, 1 a failure inside"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
     parser.add_argument("left", metavar="LEFT", type=Path, help="left image")
     parser.add_argument("right", metavar="RIGHT", type=Path, help="right image")
     parser.add_argument("--focal-length", metavar="PX", type=float, help="focal length, px")

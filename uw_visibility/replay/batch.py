@@ -230,7 +230,6 @@ class _Replay:
         folder.write_state(self._state())
 
     def run(self, pool: FramePool) -> None:
-        """Replay the recording to its end."""
         lights = LightHistory(pool.read_ahead)
         with closing(Progress(self._reader.path.name, self._stream.expected_frames)) as progress:
             for item in pool.answers(

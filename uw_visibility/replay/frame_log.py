@@ -61,12 +61,10 @@ class FrameLog:
         self._file = self._path.open("w", encoding="ascii")
 
     def write(self, record: FrameRecord) -> None:
-        """Add a frame's."""
         self._file.write(json.dumps(_encoded(record)) + "\n")
         self._file.flush()
 
     def close(self) -> None:
-        """Close the file."""
         self._file.close()
 
     def remove(self) -> None:

@@ -87,8 +87,6 @@ class FrameAnswer:
 
 
 class RecordingProcessor:
-    """Processor of the frames of one recording."""
-
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
         self._decoder = Decoder(recording.channels, recording.ros1)
@@ -171,8 +169,6 @@ READ_AHEAD = 2
 
 
 class _Given(NamedTuple):
-    """A task that a process is at."""
-
     task: FrameTask
     future: Future[FrameAnswer]
 

@@ -293,7 +293,6 @@ class NodeCore:
     def _read(
         self, frame: StereoFrame, settings: Settings, pipeline: PipelineConfig, lane: int
     ) -> FrameWork:
-        """Read the images of a frame."""
         width, height = image_size(frame.left_info, "left")
         check_megapixels(width, height, settings.node.max_megapixels)
         work = self._processor.begin(frame, pipeline, lane)
@@ -373,7 +372,6 @@ class PipelineState:
 
     @contextmanager
     def busy(self) -> Iterator[None]:
-        """Note that a frame is being processed."""
         begun = time.monotonic()
         with self._lock:
             self._begun.append(begun)
@@ -430,7 +428,6 @@ class PipelineState:
         return self._problem or ("" if self.processed else "no frame was processed yet")
 
     def diagnose(self, silence: str, skipped: int) -> Finding:
-        """Return level, message and numbers."""
         counts = {
             "processed": self.processed, "refused": self.refused, "failed": self.failed,
             "skipped": skipped,
@@ -562,7 +559,6 @@ class DepthCheck:
         self._publish(comparisons)
 
     def diagnose(self) -> Finding:
-        """Return level, message and numbers."""
         if self._subscription is None:
             return Finding(OK, "switched off: plausibility.sensor_type is none")
         now = time.monotonic()

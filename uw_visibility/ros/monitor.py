@@ -159,7 +159,6 @@ class FaultLog:
         self._reasons.add(f"a callback failed with {reason}", f"\n{details}")
 
     def diagnose(self) -> Finding:
-        """Return level, message and numbers."""
         values = {"failed callbacks": self._reasons.total, **self._reasons.problems()}
         if self._last is None:
             return Finding(OK, "no callback has failed", values)

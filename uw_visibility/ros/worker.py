@@ -74,7 +74,6 @@ class NewestWorker(Generic[Item]):
         return self._stopping
 
     def start(self) -> None:
-        """Start the threads."""
         for thread in self._threads:
             thread.start()
 

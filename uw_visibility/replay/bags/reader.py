@@ -134,7 +134,6 @@ class BagReader:
         return self.decoder.decode(message)
 
     def close(self) -> None:
-        """Close all files."""
         for storage in self._storages:
             storage.close()
         if self._folder is not None:

@@ -96,7 +96,6 @@ def write_report(
 
 
 def _view(what: str, image: Image8) -> dict[str, Any]:
-    """Return an image for the page."""
     png, (height, width) = preview(image, VIEW_WIDTH)
     source = Markup(f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}")
     return {"what": what, "source": source, "width": width, "height": height}

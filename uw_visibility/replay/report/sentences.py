@@ -317,5 +317,4 @@ def amount(count: int, thing: str) -> str:
 
 
 def percentage(part: float) -> str:
-    """Return a part as a percentage."""
     return f"{number(100.0 * part, 2)} %"

@@ -67,7 +67,6 @@ class ResultWriter:
             self._bag.write(DIAGNOSTICS, diagnostics(make, joined), time)
 
     def close(self, provenance: Mapping[str, Any]) -> None:
-        """Complete the file."""
         for key, text in texts_of(provenance).items():
             self._bag.annotate(f"uw_visibility.{key}", text)
         self._bag.close()

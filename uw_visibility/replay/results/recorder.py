@@ -114,7 +114,6 @@ class FrameRecorder:
         self.results.write_joined(joined)
 
     def close(self, provenance: Mapping[str, Any]) -> None:
-        """Complete all files."""
         self._table.close()
         self.log.close()
         if self._timings is not None:

@@ -97,7 +97,6 @@ class Refusals:
         ]
 
     def state(self) -> list[dict[str, Any]]:
-        """Serialise the refusals for JSON."""
         return [asdict(refusal) for refusal in self._refusals.values()]
 
     @classmethod
