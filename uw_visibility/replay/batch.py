@@ -19,6 +19,7 @@ from uw_visibility.errors import InputError, printable
 from uw_visibility.replay import stores
 from uw_visibility.replay.bags.layout import find_files
 from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.frame_log import NAME as LOG
 from uw_visibility.replay.inputs.options import ReplayOptions, check_in_any, without_lacking
 from uw_visibility.replay.inputs.stream import Event, InputStream, RecordedFrame
 from uw_visibility.replay.progress import Progress
@@ -244,7 +245,7 @@ class _Replay:
                     self._write_rows(self._joiner.add(item))
         if self._copied:
             for message in self._reader.messages(self._copied, *self._stream.interval()):
-                self._recorder.results.copy(message, ros1=self._reader.ros1)
+                self._recorder.copy(message, ros1=self._reader.ros1)
         self.summary.complete = True
 
     def __enter__(self) -> Self:
@@ -267,7 +268,7 @@ class _Replay:
         if kind is None:
             self._folder.forget_earlier()
             self._folder.check_complete()
-            self._recorder.log.remove()
+            (self._folder.work / LOG).unlink()
             self._folder.complete()
         elif self._earlier is not None and self.summary.frames < len(self._earlier.timings):
             # This run has less than the earlier part, which is kept for --resume.

@@ -53,23 +53,9 @@ _SHAPES: dict[type[Any], dict[str, tuple[int, ...]]] = {
 }
 
 
-class FrameLog:
-    """Log of records, one a line."""
-
-    def __init__(self, folder: Path) -> None:
-        self._path = folder / NAME
-        self._file = self._path.open("w", encoding="ascii")
-
-    def write(self, record: FrameRecord) -> None:
-        self._file.write(json.dumps(_encoded(record)) + "\n")
-        self._file.flush()
-
-    def close(self) -> None:
-        self._file.close()
-
-    def remove(self) -> None:
-        """Remove the file: the replay is complete."""
-        self._path.unlink()
+def line_of(record: FrameRecord) -> str:
+    """Return the line of a frame's record."""
+    return json.dumps(_encoded(record)) + "\n"
 
 
 def read_records(folder: Path) -> Iterator[FrameRecord]:
