@@ -125,12 +125,12 @@ def run(arguments: argparse.Namespace) -> None:
 def _read_config(arguments: argparse.Namespace) -> tuple[PipelineConfig, Collection[str]]:
     """Return the parameters, options before the file, and the names of those that are given."""
     values = read_params_file(arguments.params_file, arguments.transfer)
-    if arguments.max_disparity is None:
-        return PipelineConfig.from_parameters(values), values
-    values["stereo.max_disparity"] = arguments.max_disparity
+    if arguments.max_disparity is not None:
+        values["stereo.max_disparity"] = arguments.max_disparity
     try:
         return PipelineConfig.from_parameters(values), values
     except InputError as error:
+        # The file was checked when it was read.
         raise InputError(f"--max-disparity: {error}") from error
 
 
