@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Self
 
 from uw_visibility import __version__
@@ -118,15 +117,33 @@ def settle(
 
 
 def _replay(
-    bag: Place, target: Place, options: ReplayOptions, pool: FramePool, *, force: bool, **how: Any
+    bag: Place, target: Place, options: ReplayOptions, pool: FramePool, *, force: bool, resume: bool
 ) -> Summary:
-    """Replay a recording; fetch it from a store and put the result there, where they are URLs."""
+    """Replay a recording; fetch it from a store and put the result there, where they are URLs.
+
+    What there is after an interruption is a readable partial result.
+    """
+    check_exports(options)
     with (
         stores.recording_here(bag) as recording,
-        stores.result_here(target, force=force) as folder,
+        stores.result_here(target, force=force) as place,
+        BagReader(recording) as reader,
+        sole_writer(place, RESULT, DAY),
     ):
-        summary = replay_bag(recording, folder, options, pool, bag, force=force, **how)
-    return replace(summary, output=str(target))
+        used, lacks = without_lacking(reader, options) if options.several else (options, {})
+        stream = InputStream(reader, used)
+        folder = ResultFolder(place, force=force, resume=resume)
+        try:
+            replay = _Replay(reader, stream, options, folder, bag)
+            replay.summary.lacks = [f"{name} is not joined: {why}" for name, why in lacks.items()]
+            with replay:
+                replay.run(pool)
+        except OSError as error:
+            raise InputError(
+                f"cannot write {folder.work}: {error.strerror or error}; with more room "
+                "--resume goes on from it"
+            ) from error
+    return replace(replay.summary, output=str(target))
 
 
 def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | None:
@@ -164,33 +181,6 @@ def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | No
             f"{stores.child(target, MARK)} is damaged: give another name, or --force to replace "
             "the result"
         ) from error
-
-
-def replay_bag(
-    bag: Path, target: Path, options: ReplayOptions, pool: FramePool, source: Place, *,
-    force: bool, resume: bool,
-) -> Summary:
-    """Replay a recording into a folder, as `replay_bags` does.
-
-    `source` is where it was fetched from. What there is after an interruption is a readable
-    partial result.
-    """
-    check_exports(options)
-    with BagReader(bag) as reader, sole_writer(target, RESULT, DAY):
-        used, lacks = without_lacking(reader, options) if options.several else (options, {})
-        stream = InputStream(reader, used)
-        folder = ResultFolder(target, force=force, resume=resume)
-        try:
-            replay = _Replay(reader, stream, options, folder, source)
-            replay.summary.lacks = [f"{name} is not joined: {why}" for name, why in lacks.items()]
-            with replay:
-                replay.run(pool)
-        except OSError as error:
-            raise InputError(
-                f"cannot write {folder.work}: {error.strerror or error}; with more room "
-                "--resume goes on from it"
-            ) from error
-        return replay.summary
 
 
 class _Replay:
