@@ -23,7 +23,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
-from uw_visibility.compute.blas import use_one_thread
+from uw_visibility.compute.threads import use_one_thread
 from uw_visibility_lab.demonstration.node_process import reserved_domain
 
 # Of four workers two wait for nodes and processes most of the time.

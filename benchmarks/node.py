@@ -44,7 +44,7 @@ from rclpy.serialization import serialize_message
 
 from benchmarks.stereo_messages import stereo_messages
 from benchmarks.timing import processor_time
-from uw_visibility.compute.blas import use_one_thread
+from uw_visibility.compute.threads import use_one_thread
 from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.stamps import header_stamp

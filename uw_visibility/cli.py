@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 
 from uw_visibility import __version__
 from uw_visibility.commands import calibrate, enhance, replay, warmup
-from uw_visibility.compute.blas import use_one_thread
+from uw_visibility.compute.threads import use_one_thread
 from uw_visibility.errors import InputError, needing, printable
 
 DONE, FAILED, UNUSABLE = 0, 1, 2
@@ -28,14 +28,7 @@ COMMANDS = {"enhance": enhance, "replay": replay, "calibrate": calibrate, "warmu
 # Other distributions add commands by entry points of this group.
 GROUP = "uw_visibility.commands"
 # Those of the lab, which need not be installed.
-OF_THE_LAB = {
-    "simulate": "an underwater stereo transect with its truth",
-    "evaluate": "the paper's experiments, on images and renderings",
-    "render": "path-traced scenes under water with their truth",
-    "demo": "simulate, run the node, play the bag into it, report",
-    "judge": "one table of how good an estimator of the water is, world by world",
-    "train": "a posterior of the water, trained on random views",
-}
+OF_THE_LAB = ("simulate", "evaluate", "render", "demo", "judge", "train")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -76,9 +69,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if any("\0" in word for word in words):
             raise InputError("an argument holds a null character: leave it out")
-        command = commands().get(words[0]) if words else None
-        if isinstance(command, _Missing) and not {"-h", "--help"} & set(words):
-            command.run()
+        if words and words[0] in OF_THE_LAB and words[0] not in commands():
+            raise InputError(
+                f"{words[0]} is a command of the lab, which is not installed: pip install ./lab in "
+                "a clone of the repository")
         parser = make_parser()
         _complete(parser)
         arguments = parser.parse_args(_repeat_calibration(words))
@@ -157,27 +151,8 @@ def make_parser() -> argparse.ArgumentParser:
 def commands() -> dict[str, Any]:
     """Return the commands by name: a module each, with HELP, DESCRIPTION, add_options and run."""
     added = {point.name: point for point in entry_points(group=GROUP)}
-    found: dict[str, Any] = dict(COMMANDS)
-    for name, what in OF_THE_LAB.items():
-        found[name] = added.pop(name).load() if name in added else _Missing(name, what)
-    return found | {name: point.load() for name, point in sorted(added.items())}
-
-
-class _Missing:
-    """A command of the lab where that is not installed: it says how to install it."""
-
-    def __init__(self, name: str, what: str) -> None:
-        self.HELP = f"{what} (of the lab, not installed)"
-        self.DESCRIPTION = (
-            f"{name} is a command of the lab, which is not installed: "
-            "pip install ./lab in a clone of the repository")
-
-    def add_options(self, _: argparse.ArgumentParser) -> None:
-        """Add none."""
-
-    def run(self, _: argparse.Namespace | None = None) -> NoReturn:
-        """Say how to install it."""
-        raise InputError(self.DESCRIPTION)
+    names = [name for name in OF_THE_LAB if name in added] + sorted(added.keys() - {*OF_THE_LAB})
+    return {**COMMANDS, **{name: added[name].load() for name in names}}
 
 
 def _repeat_calibration(words: Sequence[str]) -> list[str]:

@@ -17,8 +17,7 @@ import pytest
 from graphs import save, shifts, shifts_in_numpy
 from scenes import stereo_pair, texture
 
-from uw_visibility.config.network import NetworkConfig
-from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.config.schema import NetworkConfig, PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.network import Network, NetworkError, check_content, digests
 
@@ -264,7 +263,7 @@ def test_names_that_are_no_text_are_refused(tmp_path: Path) -> None:
 
 SMALL = """
 import sys
-from uw_visibility.config.network import NetworkConfig
+from uw_visibility.config.schema import NetworkConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images import network as module
 
@@ -372,7 +371,7 @@ import json, random, resource, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from faults.mutations import mutate
-from uw_visibility.config.network import NetworkConfig
+from uw_visibility.config.schema import NetworkConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images import network as module
 import numpy as np

@@ -15,7 +15,7 @@ from frame_records import frame_estimate, frame_record
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.view import View
-from uw_visibility.replay.frame_log import NAME, FrameLog, read_records
+from uw_visibility.replay.frame_log import NAME, line_of, read_records
 from uw_visibility.replay.records import FrameRecord
 from uw_visibility.water.blocks import Blocks
 from uw_visibility.water.estimate import LampLight
@@ -41,12 +41,14 @@ def records() -> list[FrameRecord]:
     ]
 
 
+def write(folder: Path, *records: FrameRecord) -> Path:
+    path = folder / NAME
+    path.write_text("".join(map(line_of, records)), encoding="ascii")
+    return path
+
+
 def written(folder: Path) -> Path:
-    log = FrameLog(folder)
-    for record in records():
-        log.write(record)
-    log.close()
-    return folder / NAME
+    return write(folder, *records())
 
 
 def same(one: Any, other: Any) -> None:
@@ -81,9 +83,7 @@ def test_a_frame_under_lamps_comes_back_without_its_image(tmp_path: Path) -> Non
     ground = GroundView.of(View.of(image), np.full((60, 80), 2.0, np.float32), rays)
     light = LampLight(*np.full((5, 3), 0.2), ground=ground)
     object.__setattr__(estimate.water, "lamps", light)
-    log = FrameLog(tmp_path)
-    log.write(frame_record(1.5, 3, estimate=estimate))
-    log.close()
+    write(tmp_path, frame_record(1.5, 3, estimate=estimate))
     (found,) = read_records(tmp_path)
     assert found.estimate is not None
     same(found.estimate.water.lamps, replace(light, ground=None))
@@ -100,9 +100,7 @@ def test_blocks_whose_arrays_do_not_fit_are_refused(
     assert record.estimate is not None
     water = replace(
         record.estimate.water, blocks=blocks()._replace(**{name: value}))  # type: ignore[arg-type]
-    log = FrameLog(tmp_path)
-    log.write(replace(record, estimate=replace(record.estimate, water=water)))
-    log.close()
+    write(tmp_path, replace(record, estimate=replace(record.estimate, water=water)))
     with pytest.raises(InputError, match="no frame of a replay"):
         list(read_records(tmp_path))
 

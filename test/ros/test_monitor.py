@@ -36,10 +36,12 @@ def test_latest_and_most_frequent_reasons_are_shown_and_all_are_counted() -> Non
     for number in range(30):
         for _ in range(2 if number == 7 else 1):
             log.add(str(number))
-    assert log.selection(3) == {"27": 1, "28": 1, "29": 1, "7": 2, "0": 1, "1": 1, FURTHER: 24}
+    assert log.problems(3) == {
+        f"problem: {reason}": count for reason, count in {
+            "27": 1, "28": 1, "29": 1, "7": 2, "0": 1, "1": 1, FURTHER: 24}.items()}
     for number in range(MAX_REASONS):
         log.add(f"new {number}")
-    assert sum(log.selection(3).values()) == log.total == 31 + MAX_REASONS
+    assert sum(log.problems(3).values()) == log.total == 31 + MAX_REASONS
 
 
 def test_texts_from_outside_cannot_forge_lines_of_the_log() -> None:

@@ -50,7 +50,6 @@ SHOWN_TYPES = 5
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
     add_recording_options(parser)
     parser.add_argument("-o", "--output", metavar="YAML", type=Path, help="file to write")
     parser.add_argument("--force", action="store_true", help="replace a file that calibrate wrote")
@@ -64,7 +63,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command."""
     _check_target(arguments)
     if arguments.lamps is not None and not arguments.lighting:
         raise InputError("--lamps is for --lighting: give both, or neither")
@@ -98,10 +96,9 @@ def _calibrate_lighting(arguments: argparse.Namespace) -> None:
     """Find places, axes and beams of lamps."""
     output = arguments.output
     picture = None if output is None else output.with_suffix(".png")
-    if picture is not None and (picture == output or (picture.exists() and not arguments.force)):
-        raise InputError(
-            f"the picture would replace {picture}: give -o another name, or --force to replace")
     if picture is not None:
+        if picture == output:
+            raise InputError(f"the picture would replace {picture}: give -o another name")
         with needing("report", "the picture of the lamps", ", or leave out -o"):
             from uw_visibility.replay.lamp_calibration import draw_calibration
     with reading("calibrate"):
@@ -149,8 +146,6 @@ def _check_target(arguments: argparse.Namespace) -> None:
         return
     targets = [path, path.with_suffix(".png")] if arguments.lighting else [path]
     refuse_inputs([*arguments.bags, arguments.params_file, *arguments.calibration], targets)
-    if path.is_dir() or (path.exists() and not arguments.force):
-        raise InputError(f"{path} exists already: give another name, or --force to replace")
     # A symbolic link stays; its target is replaced.
     real = Path(os.path.realpath(path))
     pictures = (escape(real.with_suffix(".png").name),) if arguments.lighting else ()

@@ -9,7 +9,8 @@ import json
 import math
 import os
 import sys
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,7 +66,6 @@ exit code: 0 done, 2 unusable input or options, 1 a failure inside"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
     parser.add_argument("left", metavar="LEFT", type=Path, help="left image")
     parser.add_argument("right", metavar="RIGHT", type=Path, help="right image")
     parser.add_argument("--focal-length", metavar="PX", type=float, help="focal length, px")
@@ -110,10 +110,8 @@ def run(arguments: argparse.Namespace) -> None:
     from uw_visibility.water.meaning.derived import DerivedModel
 
     with sole_writer(arguments.output):
-        try:
+        with _naming(arguments.left, arguments.right):
             result = _process(rig, config, left, right, arguments.left)
-        except InputError as error:
-            raise InputError(f"{arguments.left}, {arguments.right}: {error}") from error
         with gathered(arguments.output, PRODUCTS, force=arguments.force) as folder:
             assumed = assumptions(config.to_parameters(), told, [rig.baseline])
             report = _write(
@@ -129,30 +127,32 @@ def run(arguments: argparse.Namespace) -> None:
 def _read_config(arguments: argparse.Namespace) -> tuple[PipelineConfig, Collection[str]]:
     """Return the parameters, options before the file, and the names of those that are given."""
     values = read_params_file(arguments.params_file, arguments.transfer)
-    if arguments.max_disparity is None:
-        return PipelineConfig.from_parameters(values), values
-    values["stereo.max_disparity"] = arguments.max_disparity
+    if arguments.max_disparity is not None:
+        values["stereo.max_disparity"] = arguments.max_disparity
     try:
         return PipelineConfig.from_parameters(values), values
     except InputError as error:
+        # The file was checked when it was read.
         raise InputError(f"--max-disparity: {error}") from error
 
 
 def _read_pair(left_path: Path, right_path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
     from uw_visibility.images.files import read_image
+    from uw_visibility.images.pair import check_pair
 
     left, right = read_image(left_path), read_image(right_path)
-    for what, a, b in (
-        ("size", _size(left), _size(right)),
-        ("depth", f"{8 * left.itemsize} bit", f"{8 * right.itemsize} bit"),
-        ("channels", *("grey" if image.ndim == 2 else "colour" for image in (left, right))),
-    ):
-        if a != b:
-            raise InputError(
-                f"{left_path} and {right_path} differ in {what}, {a} and {b}: "
-                "give two images of one rectified pair"
-            )
+    with _naming(left_path, right_path):
+        check_pair(left, right)
     return left, right
+
+
+@contextmanager
+def _naming(left: Path, right: Path) -> Iterator[None]:
+    """Let errors name the files of the pair."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{left}, {right}: {error}") from error
 
 
 def _make_rig(arguments: argparse.Namespace, shape: tuple[int, ...]) -> StereoRig:
@@ -190,10 +190,8 @@ def _process(
     rig: StereoRig, config: PipelineConfig, left: NDArray[Any], right: NDArray[Any], path: Path
 ) -> FrameResult:
     from uw_visibility.images.jpeg import file_chroma
-    from uw_visibility.images.pair import check_pair
     from uw_visibility.pipeline.pipeline import Pipeline
 
-    check_pair(left, right)
     tell("preparing; the first run compiles, for a minute or two")
     pipeline = Pipeline(rig, config)
     chroma = file_chroma(path, left)
@@ -271,10 +269,6 @@ def _summary(report: dict[str, Any], folder: Path) -> str:
         parts.append(f"no light is left in {' and '.join(lost)}")
     parts.append(f"matched {report['matched_fraction']['enhanced']:.1%}")
     return f"{', '.join(parts)}; written to {folder}"
-
-
-def _size(image: NDArray[Any]) -> str:
-    return f"{image.shape[1]}x{image.shape[0]}"
 
 
 def frame_report(result: FrameResult, derived: DerivedQuantities) -> dict[str, Any]:

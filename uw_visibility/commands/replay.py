@@ -68,7 +68,6 @@ its result without it, or a failure inside; 130 interrupted"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
     add = parser.add_argument
     add_recording_options(parser)
     add("-o", "--output", metavar="DIR", type=named_place, help="folder for the results")
@@ -124,7 +123,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Run the sub-command."""
     with reading("replay"):
         from uw_visibility.replay.stores import expand
 

@@ -22,7 +22,6 @@ this once for an installation does so for all its users."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the sub-command."""
     parser.add_argument(
         "--size", metavar="WxH", type=_size, default=(640, 480),
         help="images to try it with, px; kernels serve every size (640x480)",

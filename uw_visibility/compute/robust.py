@@ -1,18 +1,11 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Robust statistics: scale by the median absolute deviation, weights of robust losses.
-
-Kernels call the weights too.
-"""
+"""Robust statistics: scale by the median absolute deviation, weights of robust losses."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
-
-from uw_visibility.compute.numba_import import register_jitable
 
 # A median absolute deviation of 1 is a standard deviation of this, for a normal distribution.
 NORMAL = 1.4826
@@ -24,12 +17,6 @@ HUBER_ITERATIONS = 30
 def median_deviation(residuals: NDArray[np.floating]) -> float:
     """Standard deviation of residuals by their median absolute value."""
     return NORMAL * float(np.median(np.abs(residuals)))
-
-
-@register_jitable
-def cauchy_weight(residual: Any, scale: Any, weight: Any = 1.0) -> Any:
-    """Weight by Cauchy's loss."""
-    return weight / (1.0 + (residual / scale) ** 2)
 
 
 def charbonnier_weight(residual: NDArray[np.float64]) -> NDArray[np.float64]:

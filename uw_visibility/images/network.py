@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.files import check_regular, read_regular
-from uw_visibility.config.network import NetworkConfig
-from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.config.schema import NetworkConfig, PipelineConfig
 from uw_visibility.errors import InputError, needing, printable, refusing
 
 ONNX = "onnx"

@@ -12,7 +12,7 @@ compressed in.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -22,12 +22,7 @@ from uw_visibility.images.arrays import Image
 from uw_visibility.images.chroma import ChromaImage, mosaic_chroma, subsampled_chroma
 from uw_visibility.images.encoded import JPEG, PNG, TruncatedError, decode, read_header
 from uw_visibility.images.jpeg import jpeg_chroma
-from uw_visibility.messages.images import (
-    ENCODINGS,
-    SUBSAMPLED,
-    CompressedImageMessage,
-    ImageMessage,
-)
+from uw_visibility.messages.images import ENCODINGS, SUBSAMPLED, CompressedImageMessage
 
 T = TypeVar("T")
 
@@ -64,10 +59,8 @@ def read_compressed(message: CompressedImageMessage, name: str = "image") -> tup
     return cv2.cvtColor(stored, conversion), f"{order}{bits}"
 
 
-def message_chroma(
-    message: ImageMessage | CompressedImageMessage, pixels: Image
-) -> ChromaImage | None:
-    """Read an image's colour as its codec or mosaic left it.
+def message_chroma(message: Any, pixels: Image) -> ChromaImage | None:
+    """Read the colour of an Image or a CompressedImage as its codec or mosaic left it.
 
     `pixels` is what was read of the message. None where they say all that there is.
     """

@@ -15,7 +15,7 @@ import numpy as np
 
 from uw_visibility.config.schema import NodeConfig
 from uw_visibility.images.arrays import Array
-from uw_visibility.messages.images import MessageFactory, Stamped
+from uw_visibility.messages.images import MessageFactory
 from uw_visibility.plausibility.comparison import Comparison
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
@@ -46,7 +46,7 @@ class ImageHeader(NamedTuple):
     frame_id: str
 
     @classmethod
-    def of(cls, message: Stamped) -> ImageHeader:
+    def of(cls, message: Any) -> ImageHeader:
         """Read the header of a message of rclpy or rosbags."""
         header = message.header
         return cls(int(header.stamp.sec), int(header.stamp.nanosec), str(header.frame_id))

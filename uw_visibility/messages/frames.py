@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Image, Mask
@@ -13,24 +13,18 @@ from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import read_only
 from uw_visibility.messages import images
 from uw_visibility.messages.compressed import message_chroma, read_compressed, read_size
-from uw_visibility.messages.images import CameraInfoMessage, CompressedImageMessage, ImageMessage
 from uw_visibility.stereo.calibration import CameraInfo, image_size, matrix_of
 from uw_visibility.stereo.rectification import Rectifier
 from uw_visibility.stereo.rig import StereoRig
 
-AnyImage: TypeAlias = ImageMessage | CompressedImageMessage
-
 
 class StereoFrame(NamedTuple):
-    """Synchronised messages: two images, and the CameraInfo that holds for each.
+    """Synchronised messages: two images, Image or CompressedImage, and the CameraInfo of each."""
 
-    Images are of the type Image or CompressedImage.
-    """
-
-    left: AnyImage
-    right: AnyImage
-    left_info: CameraInfoMessage
-    right_info: CameraInfoMessage
+    left: Any
+    right: Any
+    left_info: CameraInfo
+    right_info: CameraInfo
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,15 +5,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple, Protocol
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
 
 from uw_visibility.errors import InputError, printable
 from uw_visibility.images.arrays import DisparityMap, Image
-from uw_visibility.stereo.calibration import CameraInfo
 
 
 class Encoding(NamedTuple):
@@ -67,67 +66,21 @@ ENCODINGS: dict[str, Encoding] = {
 SUBSAMPLED = ("uyvy", "yuyv", "yuv422", "yuv422_yuy2")
 
 
-class Stamp(Protocol):
-    """``builtin_interfaces/Time``."""
+# Messages of rclpy and of rosbags have the same fields, which their definitions in ROS name.
+ImageMessage: TypeAlias = Any
+CompressedImageMessage: TypeAlias = Any
 
-    sec: int
-    nanosec: int
-
-
-class Header(Protocol):
-    """``std_msgs/Header``."""
-
-    frame_id: str
-
-    @property
-    def stamp(self) -> Stamp: ...
-
-
-class Stamped(Protocol):
-    """Any message with a header."""
-
-    @property
-    def header(self) -> Header: ...
-
-
-class ImageMessage(Stamped, Protocol):
-    """``sensor_msgs/Image``; its data are a buffer of bytes."""
-
-    height: int
-    width: int
-    encoding: str
-    is_bigendian: Any
-    step: int
-    data: Any
-
-
-class CompressedImageMessage(Stamped, Protocol):
-    """``sensor_msgs/CompressedImage``."""
-
-    format: str
-    data: Any
-
-
-class CameraInfoMessage(Stamped, CameraInfo, Protocol):
-    """``sensor_msgs/CameraInfo``."""
-
-
-class MessageFactory(Protocol):
-    """Factory of messages by type, with all fields given, sequences of numbers as numpy arrays."""
-
-    def __call__(self, name: str, /, **fields: Any) -> Any: ...
+MessageFactory: TypeAlias = Callable[..., Any]
+"""Factory of messages by type, with all fields given, sequences of numbers as numpy arrays."""
 
 
 def typestore_factory(types: Mapping[str, Any]) -> MessageFactory:
     """Return a factory over the ``types`` of a rosbags type store."""
 
-    def make(name: str, /, **fields: Any) -> Any:
-        return types[name](**fields)
-
-    return make
+    return lambda name, /, **fields: types[name](**fields)
 
 
-def stamp_to_nanoseconds(stamp: Stamp) -> int:
+def stamp_to_nanoseconds(stamp: Any) -> int:
     """Return a message's time as nanoseconds since its clock's origin."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 

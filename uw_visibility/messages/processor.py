@@ -64,12 +64,10 @@ class FrameWork:
 
     @property
     def rig(self) -> StereoRig:
-        """Geometry of the pair."""
         return self.pair.rig
 
     @property
     def header(self) -> ImageHeader:
-        """Stamp and frame of the left image."""
         return ImageHeader.of(self.frame.left)
 
     def assess(

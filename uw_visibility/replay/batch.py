@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Self
 
 from uw_visibility import __version__
@@ -19,6 +18,7 @@ from uw_visibility.errors import InputError, printable
 from uw_visibility.replay import stores
 from uw_visibility.replay.bags.layout import find_files
 from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.frame_log import NAME as LOG
 from uw_visibility.replay.inputs.options import ReplayOptions, check_in_any, without_lacking
 from uw_visibility.replay.inputs.stream import Event, InputStream, RecordedFrame
 from uw_visibility.replay.progress import Progress
@@ -117,15 +117,33 @@ def settle(
 
 
 def _replay(
-    bag: Place, target: Place, options: ReplayOptions, pool: FramePool, *, force: bool, **how: Any
+    bag: Place, target: Place, options: ReplayOptions, pool: FramePool, *, force: bool, resume: bool
 ) -> Summary:
-    """Replay a recording; fetch it from a store and put the result there, where they are URLs."""
+    """Replay a recording; fetch it from a store and put the result there, where they are URLs.
+
+    What there is after an interruption is a readable partial result.
+    """
+    check_exports(options)
     with (
         stores.recording_here(bag) as recording,
-        stores.result_here(target, force=force) as folder,
+        stores.result_here(target, force=force) as place,
+        BagReader(recording) as reader,
+        sole_writer(place, RESULT, DAY),
     ):
-        summary = replay_bag(recording, folder, options, pool, bag, force=force, **how)
-    return replace(summary, output=str(target))
+        used, lacks = without_lacking(reader, options) if options.several else (options, {})
+        stream = InputStream(reader, used)
+        folder = ResultFolder(place, force=force, resume=resume)
+        try:
+            replay = _Replay(reader, stream, options, folder, bag)
+            replay.summary.lacks = [f"{name} is not joined: {why}" for name, why in lacks.items()]
+            with replay:
+                replay.run(pool)
+        except OSError as error:
+            raise InputError(
+                f"cannot write {folder.work}: {error.strerror or error}; with more room "
+                "--resume goes on from it"
+            ) from error
+    return replace(replay.summary, output=str(target))
 
 
 def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | None:
@@ -163,33 +181,6 @@ def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | No
             f"{stores.child(target, MARK)} is damaged: give another name, or --force to replace "
             "the result"
         ) from error
-
-
-def replay_bag(
-    bag: Path, target: Path, options: ReplayOptions, pool: FramePool, source: Place, *,
-    force: bool, resume: bool,
-) -> Summary:
-    """Replay a recording into a folder, as `replay_bags` does.
-
-    `source` is where it was fetched from. What there is after an interruption is a readable
-    partial result.
-    """
-    check_exports(options)
-    with BagReader(bag) as reader, sole_writer(target, RESULT, DAY):
-        used, lacks = without_lacking(reader, options) if options.several else (options, {})
-        stream = InputStream(reader, used)
-        folder = ResultFolder(target, force=force, resume=resume)
-        try:
-            replay = _Replay(reader, stream, options, folder, source)
-            replay.summary.lacks = [f"{name} is not joined: {why}" for name, why in lacks.items()]
-            with replay:
-                replay.run(pool)
-        except OSError as error:
-            raise InputError(
-                f"cannot write {folder.work}: {error.strerror or error}; with more room "
-                "--resume goes on from it"
-            ) from error
-        return replay.summary
 
 
 class _Replay:
@@ -230,22 +221,21 @@ class _Replay:
         folder.write_state(self._state())
 
     def run(self, pool: FramePool) -> None:
-        """Replay the recording to its end."""
         lights = LightHistory(pool.read_ahead)
         with closing(Progress(self._reader.path.name, self._stream.expected_frames)) as progress:
             for item in pool.answers(
-                self._tasks(self._stream.events(), lights), lambda: self._recorder.known
+                self._tasks(self._stream.events(), lights), lambda: self._recorder.filter.known
             ):
                 if isinstance(item, FrameAnswer):
                     filtered = self._recorder.write_frame(item)
-                    lights.add(self._recorder.lamps)
+                    lights.add(self._recorder.filter.lamps)
                     self._write_rows(self._joiner.add_frame(item.record, filtered))
                     progress.add()
                 else:
                     self._write_rows(self._joiner.add(item))
         if self._copied:
             for message in self._reader.messages(self._copied, *self._stream.interval()):
-                self._recorder.results.copy(message, ros1=self._reader.ros1)
+                self._recorder.copy(message, ros1=self._reader.ros1)
         self.summary.complete = True
 
     def __enter__(self) -> Self:
@@ -268,7 +258,7 @@ class _Replay:
         if kind is None:
             self._folder.forget_earlier()
             self._folder.check_complete()
-            self._recorder.log.remove()
+            (self._folder.work / LOG).unlink()
             self._folder.complete()
         elif self._earlier is not None and self.summary.frames < len(self._earlier.timings):
             # This run has less than the earlier part, which is kept for --resume.

@@ -45,7 +45,6 @@ class CalibrationSeries:
     damage: list[str] = field(default_factory=list)  # what of the recordings could not be read
 
     def add(self, frames: Iterable[JoinedFrame]) -> None:
-        """Add frames with the sensor's depth."""
         for joined in frames:
             estimate = joined.record.estimate
             if estimate is None:

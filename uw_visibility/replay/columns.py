@@ -29,8 +29,6 @@ Kind = Literal["integer", "number", "text", "choice", "datetime"]
 
 @dataclass(frozen=True)
 class Column:
-    """Column of a table."""
-
     kind: Kind  # ``"choice"`` is a text that is one of `choices`
     title: str  # what it is, in a few words
     unit: str = ""  # as UDUNITS writes it; ``"1"`` for a number without one, empty for texts

@@ -129,9 +129,6 @@ def _write_mark(path: Path, summaries: Sequence[Summary]) -> None:
     path.write_text(text + "\n", encoding="utf-8")
 
 
-UNFINISHED = "not complete: --resume goes on from it"
-
-
 def write_index(
     path: Path, title: str, results: Sequence[Summary], failed: Sequence[Summary]
 ) -> None:
@@ -151,9 +148,7 @@ def write_index(
             _row(summary, synopses[summary.name], recordings[summary.name])
             for summary in results
         ],
-        failed=[{"name": summary.name, "error": summary.error or UNFINISHED} for summary in failed],
-        lacking=[
-            {"name": summary.name, "why": why} for summary in results for why in summary.lacks],
+        failed=failed, lacking=[summary for summary in results if summary.lacks],
         series=draw_series(_together(recordings), list(recordings)),
         maps=draw_tracks(recordings),
     )
@@ -161,7 +156,7 @@ def write_index(
 
 def _verdict(
     synopses: dict[str, Synopsis], recordings: int, provenance: Mapping[str, Any]
-) -> list[list[dict[str, str]]]:
+) -> list[list[str | dict[str, str]]]:
     """Say over all recordings, replayed alike, what `verdict` says of one."""
     frames, assessed, told = (
         sum(getattr(synopsis, name) for synopsis in synopses.values())
@@ -174,11 +169,11 @@ def _verdict(
     if len(synopses) < recordings:
         of = f"{len(synopses)} of {amount(recordings, 'recording')}"
     if not told:
-        return [[_text(
+        return [[
             f"Visibility could not be assessed in any of {amount(frames, 'frame')} of {of}, from "
-            f"{when}.")]]
-    parts = [[_text(
-        f"Visibility was assessed in {share(assessed, frames)} of {of}, from {when}.")]]
+            f"{when}."]]
+    parts: list[list[str | dict[str, str]]] = [
+        [f"Visibility was assessed in {share(assessed, frames)} of {of}, from {when}."]]
     low = min(
         (s.lowest.value + s.lowest.stddev, name) for name, s in synopses.items() if s.lowest)[1]
     high = max(
@@ -189,20 +184,20 @@ def _verdict(
     if not apart(worst.value, worst.stddev, best.value, best.stddev):
         lead = "Recordings cannot be told apart by visibility distance, "
     parts.append([
-        _text(f"{lead}{formula(synopses[low].contrast)} of the clearest channel: lowest "
-              f"{rounded(worst.value, worst.stddev)} m ("),
-        _link(low, worst.frame), _text(f"), highest {rounded(best.value, best.stddev)} m ("),
-        _link(high, best.frame), _text(")."),
+        f"{lead}{formula(synopses[low].contrast)} of the clearest channel: lowest "
+        f"{rounded(worst.value, worst.stddev)} m (",
+        _link(low, worst.frame), f"), highest {rounded(best.value, best.stddev)} m (",
+        _link(high, best.frame), ").",
     ])
     if provenance:
         bases = sorted(base for s in synopses.values() for base in s.baselines)
-        parts.append([_text(assumptions(
-            provenance["parameters"], provenance["told"], dict.fromkeys(bases[:1] + bases[-1:])))])
+        parts.append([assumptions(
+            provenance["parameters"], provenance["told"], dict.fromkeys(bases[:1] + bases[-1:]))])
     if any(synopsis.start < FIRST_DATE for synopsis in synopses.values() if synopsis.frames):
-        parts.append([_text(CLOCK_NOT_SET)])
+        parts.append([CLOCK_NOT_SET])
     none = [name for name, s in synopses.items() if not s.told]
     if none:
-        parts.append([_text(f"Without any visibility: {', '.join(none)}.")])
+        parts.append([f"Without any visibility: {', '.join(none)}."])
     return parts
 
 
@@ -273,10 +268,6 @@ def _together(recordings: Mapping[str, Columns]) -> Columns:
         for place, columns in enumerate(recordings.values())
     ])
     return together
-
-
-def _text(text: str) -> dict[str, str]:
-    return {"text": text, "href": ""}
 
 
 def _link(name: str, frame: int) -> dict[str, str]:

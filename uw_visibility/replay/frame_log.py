@@ -11,7 +11,6 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Iterator
-from dataclasses import fields
 from pathlib import Path
 from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
@@ -53,25 +52,9 @@ _SHAPES: dict[type[Any], dict[str, tuple[int, ...]]] = {
 }
 
 
-class FrameLog:
-    """Log of records, one a line."""
-
-    def __init__(self, folder: Path) -> None:
-        self._path = folder / NAME
-        self._file = self._path.open("w", encoding="ascii")
-
-    def write(self, record: FrameRecord) -> None:
-        """Add a frame's."""
-        self._file.write(json.dumps(_encoded(record)) + "\n")
-        self._file.flush()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def remove(self) -> None:
-        """Remove the file: the replay is complete."""
-        self._path.unlink()
+def line_of(record: FrameRecord) -> str:
+    """Return the line of a frame's record."""
+    return json.dumps(_encoded(record)) + "\n"
 
 
 def read_records(folder: Path) -> Iterator[FrameRecord]:
@@ -110,7 +93,8 @@ def _encoded(value: Any) -> Any:
         data = np.ascontiguousarray(value, kind).tobytes()
         return {kind: base64.b64encode(data).decode(), "shape": list(value.shape)}
     if type(value) in _CLASSES.values():
-        return {type(value).__name__: {n: _encoded(getattr(value, n)) for n in _names(type(value))}}
+        names = type(value).__annotations__
+        return {type(value).__name__: {name: _encoded(getattr(value, name)) for name in names}}
     if isinstance(value, dict):
         return {"dict": {name: _encoded(item) for name, item in value.items()}}
     if isinstance(value, tuple):
@@ -160,9 +144,3 @@ def _is_a(value: Any, hint: Any) -> bool:
     """Tell whether a value is of a type or a union; of generic types only their origin counts."""
     options = get_args(hint) if isinstance(hint, UnionType) else (hint,)
     return any(type(value) is (get_origin(option) or option) for option in options)
-
-
-def _names(kind: type[Any]) -> tuple[str, ...]:
-    if issubclass(kind, tuple):
-        return tuple(get_type_hints(kind))
-    return tuple(field.name for field in fields(kind))

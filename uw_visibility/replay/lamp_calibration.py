@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.stream import InputStream, RecordedFrame
-from uw_visibility.replay.progress import Progress, tell
+from uw_visibility.replay.progress import progress_bar, tell
 from uw_visibility.water.lamps.calibration import LampCalibration, calibrate_lamps
 from uw_visibility.water.lamps.tracks import PointTracker, Sightings
 
@@ -92,18 +91,15 @@ def _sightings(
     pairs = FrameReader(stream.selection.rectify)
     pipeline: Pipeline | None = None
     tracker = PointTracker(first)
-    with closing(Progress(bag.name, stream.expected_frames)) as progress:
-        for event in stream.events():
-            if not isinstance(event, RecordedFrame):
-                continue
-            progress.add()
-            try:
-                pair = pairs.read(event.messages(reader.deserialize))
-                if pipeline is None or pipeline.rig != pair.rig:
-                    pipeline = Pipeline(pair.rig, options.pipeline)
-                yield _observe(pair, pipeline, tracker)
-            except InputError as error:
-                reasons[str(error)] += 1
+    frames = (event for event in stream.events() if isinstance(event, RecordedFrame))
+    for frame in progress_bar(frames, bag.name, stream.expected_frames):
+        try:
+            pair = pairs.read(frame.messages(reader.deserialize))
+            if pipeline is None or pipeline.rig != pair.rig:
+                pipeline = Pipeline(pair.rig, options.pipeline)
+            yield _observe(pair, pipeline, tracker)
+        except InputError as error:
+            reasons[str(error)] += 1
 
 
 def _observe(pair: StereoPair, pipeline: Pipeline, tracker: PointTracker) -> Sightings:

@@ -61,7 +61,6 @@ class LineFit:
         return self.intercept + self.slope * x, math.sqrt(max(variance, 0.0))
 
     def write(self, path: Path) -> None:
-        """Write it as JSON."""
         text = json.dumps(asdict(self), indent=1, allow_nan=False)
         path.write_text(text + "\n", encoding="utf-8")
 

@@ -35,7 +35,6 @@ class Progress:
         self._waiting.start()
 
     def add(self) -> None:
-        """Count a frame."""
         self._count += 1
         if self._count == 1:
             self._start()
@@ -65,7 +64,6 @@ class Progress:
             )
 
     def close(self) -> None:
-        """End the bar."""
         self._waiting.cancel()
         if self._bar is not None:
             self._bar.close()

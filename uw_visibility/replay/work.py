@@ -87,8 +87,6 @@ class FrameAnswer:
 
 
 class RecordingProcessor:
-    """Processor of the frames of one recording."""
-
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
         self._decoder = Decoder(recording.channels, recording.ros1)
@@ -102,6 +100,7 @@ class RecordingProcessor:
     ) -> FrameAnswer:
         """Process a task; whatever goes wrong costs this frame alone."""
         asked = []
+        recording = self._recording
 
         def known() -> KnownWater | None:
             asked.append(True)
@@ -112,7 +111,7 @@ class RecordingProcessor:
             work, result = self._assess(frame, known_light, known)
             messages = [
                 (topic, bytes(self._types.serialize_cdr(message, self._types_by_topic[topic])))
-                for topic, message in self._messages(work, result)
+                for topic, message in work.messages(result, recording.node, recording.topics)
             ]
         except InputError as error:
             return FrameAnswer(replace(record, reason=str(error)))
@@ -131,7 +130,9 @@ class RecordingProcessor:
         work, result = self._assess(
             frame, water_filter.lamps, lambda: water_filter.known, confidence=True)
         filtered = water_filter.update(result.water, work.header.seconds, work.rig)
-        return result, filtered, dict(self._messages(work, result, filtered))
+        messages = work.messages(
+            result, self._recording.node, self._recording.topics, filtered)
+        return result, filtered, dict(messages)
 
     def _assess(
         self, frame: RecordedFrame, known_light: LampLight | None,
@@ -143,11 +144,6 @@ class RecordingProcessor:
             recording.topics, match_original=recording.match_original, confidence=confidence,
             known_light=known_light, known_water=known_water,
         )
-
-    def _messages(
-        self, work: FrameWork, result: FrameResult, filtered: FilteredWater | None = None
-    ) -> Iterator[tuple[str, Any]]:
-        return work.messages(result, self._recording.node, self._recording.topics, filtered)
 
 
 _processors: dict[str, RecordingProcessor] = {}
@@ -171,8 +167,6 @@ READ_AHEAD = 2
 
 
 class _Given(NamedTuple):
-    """A task that a process is at."""
-
     task: FrameTask
     future: Future[FrameAnswer]
 

@@ -43,7 +43,6 @@ from uw_visibility.ros.monitor import (
     describe_fault,
 )
 from uw_visibility.ros.parameters import NodeParameters, Settings, check_qos_overrides
-from uw_visibility.ros.substitute import Substitute
 from uw_visibility.ros.transport.factory import make_message, message_type
 from uw_visibility.ros.transport.qos import describe_publishers, publish_on, subscribe_to
 from uw_visibility.ros.worker import NewestWorker, Turn
@@ -62,6 +61,8 @@ SILENCE_PERIOD = 30.0
 WARMING = threading.Lock()
 # A clock that goes back by more than this was set back, s.
 CLOCK_JUMP = 0.1
+# So many frames in a row that a network loses make the built-in parts take over.
+MOST_FAILURES = 3
 
 
 class NodeCore:
@@ -293,7 +294,6 @@ class NodeCore:
     def _read(
         self, frame: StereoFrame, settings: Settings, pipeline: PipelineConfig, lane: int
     ) -> FrameWork:
-        """Read the images of a frame."""
         width, height = image_size(frame.left_info, "left")
         check_megapixels(width, height, settings.node.max_megapixels)
         work = self._processor.begin(frame, pipeline, lane)
@@ -343,6 +343,40 @@ def check_megapixels(width: int, height: int, most: float) -> None:
         )
 
 
+class Substitute:
+    """The built-in matcher and restorer in the place of a network that fails again and again.
+
+    Recordings are replayed without: what a frame gives may not depend on those before it.
+
+    reason: why the built-in parts stand in; "" where they do not.
+    """
+
+    def __init__(self) -> None:
+        self.reason = ""
+        self._failures = 0
+        self._wanted: PipelineConfig | None = None
+
+    def config(self, wanted: PipelineConfig) -> PipelineConfig:
+        """Return the configuration to use; with other parameters the network is tried again."""
+        if wanted != self._wanted:
+            self._wanted, self._failures, self.reason = wanted, 0, ""
+        return wanted.built_in() if self.reason else wanted
+
+    def fail(self, error: NetworkError) -> bool:
+        """Note a lost frame; returns whether the built-in parts take over from now on."""
+        self._failures += 1
+        if self._failures < MOST_FAILURES or self.reason:
+            return False
+        self.reason = (
+            f"a network failed {MOST_FAILURES} times in a row, and the built-in matcher and "
+            f"restorer stand in until a parameter changes: {error}")
+        return True
+
+    def succeed(self) -> None:
+        """Note a frame that was processed."""
+        self._failures = 0
+
+
 class PipelineState:
     """Counts frames by their outcome; written by the worker, read by the diagnostics.
 
@@ -373,7 +407,6 @@ class PipelineState:
 
     @contextmanager
     def busy(self) -> Iterator[None]:
-        """Note that a frame is being processed."""
         begun = time.monotonic()
         with self._lock:
             self._begun.append(begun)
@@ -430,7 +463,6 @@ class PipelineState:
         return self._problem or ("" if self.processed else "no frame was processed yet")
 
     def diagnose(self, silence: str, skipped: int) -> Finding:
-        """Return level, message and numbers."""
         counts = {
             "processed": self.processed, "refused": self.refused, "failed": self.failed,
             "skipped": skipped,
@@ -562,7 +594,6 @@ class DepthCheck:
         self._publish(comparisons)
 
     def diagnose(self) -> Finding:
-        """Return level, message and numbers."""
         if self._subscription is None:
             return Finding(OK, "switched off: plausibility.sensor_type is none")
         now = time.monotonic()

@@ -73,7 +73,6 @@ class StereoInput:
         self._infos: dict[str, Any] = {}
 
     def destroy(self) -> None:
-        """Destroy the subscriptions."""
         while self._images:
             _, image = self._images.popitem()
             self._lost += image.lost

@@ -66,11 +66,9 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         return self._do(self._configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin the work."""
         return self._do(self._working_core.activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Pause the work."""
         return self._do(self._working_core.deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:

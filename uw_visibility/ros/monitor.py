@@ -99,19 +99,16 @@ class ReasonLog:
         self._lines: deque[float] = deque(maxlen=MAX_LINES)
         self._lock = threading.Lock()
 
-    def problems(self) -> dict[str, int]:
-        """Return what diagnostics show of the reasons."""
-        return {f"problem: {reason}": n for reason, n in self.selection(SHOWN_REASONS).items()}
+    def problems(self, number: int = SHOWN_REASONS) -> dict[str, int]:
+        """Return how often the latest and the most frequent reasons occurred, and all others.
 
-    def selection(self, number: int) -> dict[str, int]:
-        """Return the latest and the most frequent reasons, so many of each, and all others as one.
-
-        Returns how often each occurred.
+        number: how many of each; diagnostics show them under these names.
         """
         with self._lock:
             shown = dict([*self.counts.items()][-number:]) | dict(self.counts.most_common(number))
             rest = self.total - sum(shown.values())
-        return shown | ({FURTHER: rest} if rest else {})
+        shown |= {FURTHER: rest} if rest else {}
+        return {f"problem: {reason}": count for reason, count in shown.items()}
 
     def add(self, reason: str, details: str = "") -> None:
         """Count a reason; details are added the first time it is logged."""
@@ -159,7 +156,6 @@ class FaultLog:
         self._reasons.add(f"a callback failed with {reason}", f"\n{details}")
 
     def diagnose(self) -> Finding:
-        """Return level, message and numbers."""
         values = {"failed callbacks": self._reasons.total, **self._reasons.problems()}
         if self._last is None:
             return Finding(OK, "no callback has failed", values)

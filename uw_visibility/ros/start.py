@@ -9,7 +9,7 @@ import os
 import signal
 from collections.abc import Mapping
 
-from uw_visibility.compute.blas import use_one_thread
+from uw_visibility.compute.threads import use_one_thread
 
 # The C library gives large blocks back to the system when they are freed, and each frame has its
 # pages cleared anew: for a cloud of points that takes longer than filling it. See mallopt(3).

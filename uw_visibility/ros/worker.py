@@ -16,18 +16,10 @@ Item = TypeVar("Item")
 
 
 class Turn(NamedTuple):
-    """An item's lane, and its place in the order of items.
+    """An item's lane, and its place in the order of items."""
 
-    Attributes
-    ----------
-    lane : int
-        No other item is processed under this number meanwhile.
-    wait : callable
-        Returns when all items before have been processed.
-    """
-
-    lane: int
-    wait: Callable[[], None]
+    lane: int  # no other item is processed under this number meanwhile
+    wait: Callable[[], None]  # returns when all items before have been processed
 
 
 class NewestWorker(Generic[Item]):
@@ -74,7 +66,6 @@ class NewestWorker(Generic[Item]):
         return self._stopping
 
     def start(self) -> None:
-        """Start the threads."""
         for thread in self._threads:
             thread.start()
 

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from uw_visibility.config.lighting import LightingConfig
-from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.config.water import WaterConfig
+from uw_visibility.config.schema import PipelineConfig, WaterConfig
 from uw_visibility.images.arrays import Array
 from uw_visibility.images.view import View
 from uw_visibility.optics.light_model import visibility_distance

@@ -19,9 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uw_visibility.compute.blas import use_one_thread
 from uw_visibility.compute.processes import process_pool
-from uw_visibility.compute.threads import Workers
+from uw_visibility.compute.threads import Workers, use_one_thread
 from uw_visibility.config.lighting import LightingConfig
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.arrays import Array

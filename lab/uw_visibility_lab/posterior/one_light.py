@@ -16,8 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.config.water import WaterConfig
+from uw_visibility.config.schema import PipelineConfig, WaterConfig
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.estimate import joint_covariance

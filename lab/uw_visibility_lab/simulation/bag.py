@@ -21,7 +21,7 @@ import numpy as np
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.parameter_file import render_values
-from uw_visibility.config.water import AssessmentConfig
+from uw_visibility.config.schema import AssessmentConfig
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.images.arrays import DisparityMap
 from uw_visibility.messages.estimates import (

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.images.arrays import Array
-from uw_visibility.replay.results.course import groups, trend
+from uw_visibility.replay.results.synopsis import groups, trend
 
 Random = np.random.Generator
 

@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from uw_visibility.config.schema import AssessmentConfig
-from uw_visibility.config.water import WaterConfig
+from uw_visibility.config.schema import AssessmentConfig, WaterConfig
 from uw_visibility.images.view import View
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.status import Status

@@ -109,7 +109,6 @@ class IndexedFile:
             rest.close()
 
     def close(self) -> None:
-        """Close the file."""
         self._reader.close()
 
 

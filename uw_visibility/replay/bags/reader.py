@@ -28,26 +28,12 @@ class BagReader:
 
     What is damaged is read as far as it goes, and told in `damage`.
 
-    Parameters
-    ----------
-    path : str or Path
-        Folder of a ROS 2 bag, one of its files, or file of a ROS 1 bag.
-
-    Attributes
-    ----------
-    path : Path
-        As given.
-    files : list of Path
-        Files of the recording.
-    ros1 : bool
-        Whether it is one of ROS 1.
-    channels : dict of str to Channel
-        Topics by name, with the messages that the indexes of all files count.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read as a bag; `UnreadableError` where it is one.
+    path: folder of a ROS 2 bag, one of its files, or file of a ROS 1 bag.
+    files: list of Path, those of the recording.
+    ros1: whether it is one of ROS 1.
+    channels: dict of str to Channel, topics by name, with the messages that the indexes of all
+        files count.
+    Raises `InputError` if it cannot be read as a bag; `UnreadableError` where it is one.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -106,12 +92,7 @@ class BagReader:
     ) -> Iterator[Recorded]:
         """Yield the messages of some topics, or of all, in the order of time.
 
-        Parameters
-        ----------
-        topics : collection of str, optional
-            Which topics.
-        start, stop : int, optional
-            Times of reception in ns: from start up to, but without, stop.
+        start, stop: times of reception, ns: from start up to, but without, stop.
         """
         self._unusable.clear()
         for storage in self._storages:
@@ -134,7 +115,6 @@ class BagReader:
         return self.decoder.decode(message)
 
     def close(self) -> None:
-        """Close all files."""
         for storage in self._storages:
             storage.close()
         if self._folder is not None:

@@ -87,11 +87,9 @@ class RecordingPath:
         return open_regular(self._path)
 
     def exists(self) -> bool:
-        """Tell whether the file is there."""
         return self._path.exists()
 
     def is_dir(self) -> bool:
-        """Tell that it is no folder."""
         return False
 
     def __str__(self) -> str:

@@ -72,7 +72,6 @@ class SqliteFile:
             self._note(f"has {refused} rows that are no messages")
 
     def close(self) -> None:
-        """Close the database."""
         self._database.close()
 
     def _connect(self) -> sqlite3.Connection:

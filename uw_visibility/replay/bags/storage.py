@@ -58,7 +58,6 @@ class Storage(Protocol):
     def span(self) -> tuple[int, int] | None: ...
 
     def messages(self, part: Part) -> Iterator[Recorded]:
-        """Yield the messages that are asked for."""
         ...
 
     def close(self) -> None:

@@ -71,7 +71,6 @@ class ReplayOptions:
     several: bool = False
 
     def __post_init__(self) -> None:
-        """Validate the options."""
         check_range("--start", self.start, 0.0, LONGEST, "s")
         if self.duration != math.inf:
             check_range("--duration", self.duration, 0.0, LONGEST, "s", above=True)

@@ -91,8 +91,6 @@ def wrap_longitude(degrees: float) -> float:
 
 
 class PositionTrack(Track[Position]):
-    """Track of positions."""
-
     def __init__(self) -> None:
         super().__init__(LONGEST_GAP)
 

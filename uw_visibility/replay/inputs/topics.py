@@ -68,11 +68,9 @@ class Selection:
         return {name: getattr(self, name) for name in names}
 
     def images(self) -> dict[str, str]:
-        """Return side by topic of the images."""
         return {self.left: "left", self.right: "right"}
 
     def infos(self) -> dict[str, str]:
-        """Return side by topic of the CameraInfo."""
         sides = ((self.left_info, "left"), (self.right_info, "right"))
         return {topic: side for topic, side in sides if topic is not None}
 

@@ -41,9 +41,11 @@ MOST_NAMES = 12
 LEAST_NIS = 1e-3
 # Lines break at gaps longer than this many median steps.
 LONGEST_STEP = 3.0
+# matplotlib counts time in days, of so many seconds.
+DAY = 86400.0
 # Formats for ticks by year, month, day, hour, minute, second.
 CLOCK = ["%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M", "%H:%M:%S.%f"]
-DAY = ["", "", "%Y", "%Y-%m-%d", "%Y-%m-%d", "%Y-%m-%d"]
+DATES = ["", "", "%Y", "%Y-%m-%d", "%Y-%m-%d", "%Y-%m-%d"]
 
 
 class Quantity(NamedTuple):
@@ -91,7 +93,7 @@ def draw_series(columns: Columns, recordings: Sequence[str] = ()) -> list[Series
     needed = (*NEEDED, "recording") if recordings else NEEDED
     together = neighbours(len(columns["stamp"]))
     thinned = thin({name: columns[name] for name in needed})
-    time = clock_time(thinned["stamp"])
+    time = thinned["stamp"] / DAY
     found = [
         (quantity.title, draw(
             f"series-{quantity.name.replace('_', '-')}", f"{quantity.title} over time",
@@ -107,7 +109,7 @@ def draw_series(columns: Columns, recordings: Sequence[str] = ()) -> list[Series
             f"{beyond} of {int(np.isfinite(columns['nis']).sum())} values beyond 95 % of χ².",
             HEIGHT, lambda figure, narrow: _paint_nis(figure, time, thinned["nis"]),
         )))
-    start, end = (86400.0 * edge for edge in _edges(time))
+    start, end = (DAY * edge for edge in _edges(time))
     return [Series(title, drawing, start, end, together) for title, drawing in found]
 
 
@@ -133,18 +135,13 @@ def thin(columns: Columns) -> dict[str, Array]:
     return found
 
 
-def clock_time(stamps: Array) -> Array:
-    """Return stamps, s, as matplotlib's days (UTC)."""
-    return np.asarray(stamps / 86400.0, np.float64)
-
-
 def clock_axis(axes: Any, narrow: bool) -> None:
     """Let an axis show the time of the day (UTC), with the day once."""
     locator = matplotlib.dates.AutoDateLocator(
         minticks=2, maxticks=5 if narrow else 9, tz="UTC")
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(matplotlib.dates.ConciseDateFormatter(
-        locator, tz="UTC", formats=CLOCK, zero_formats=CLOCK, offset_formats=DAY))
+        locator, tz="UTC", formats=CLOCK, zero_formats=CLOCK, offset_formats=DATES))
     axes.set_xlabel("time (UTC)")
 
 
@@ -221,7 +218,7 @@ class _Panel(NamedTuple):
 
     def _spot_text(self, index: int) -> str:
         columns, quantity = self.columns, self.quantity
-        moment = matplotlib.dates.num2date(columns["stamp"][index] / 86400.0)
+        moment = matplotlib.dates.num2date(columns["stamp"][index] / DAY)
         name = f"{self.recordings[int(columns['recording'][index])]}, " if self.recordings else ""
         what = "frame" if self.together == 1 else f"median of {self.together} frames about"
         parts = [f"{name}{what} {columns['frame'][index]:.0f}, {moment:%H:%M:%S} UTC"]
@@ -229,8 +226,7 @@ class _Panel(NamedTuple):
             value = float(columns[f"{prefix}{quantity.name}"][index])
             spread = float(columns[f"{prefix}{quantity.name}_stddev"][index])
             if np.isfinite(value):
-                text = rounded(value, spread) if np.isfinite(spread) else number(value)
-                parts.append(f"{title} {text} {quantity.unit}")
+                parts.append(f"{title} {rounded(value, spread)} {quantity.unit}")
         if len(parts) == 1:
             parts.append("not assessable")
         sensor = float(columns["sensor_depth"][index])
@@ -278,7 +274,7 @@ def _finish(axes: Any, time: Array, narrow: bool, label: str) -> None:
 def _edges(time: Array) -> tuple[float, float]:
     """Return the ends of the axis, days."""
     low, high = float(np.min(time)), float(np.max(time))
-    margin = 0.02 * (high - low) or 1.0 / 86400.0
+    margin = 0.02 * (high - low) or 1.0 / DAY
     return low - margin, high + margin
 
 

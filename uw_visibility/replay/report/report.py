@@ -27,7 +27,7 @@ from uw_visibility.replay.inputs.sensors import ScalarTopic
 from uw_visibility.replay.line_fit import FEWEST, LineFit, fit_line
 from uw_visibility.replay.report import figures
 from uw_visibility.replay.report.figures import NEEDED, Columns, draw_series
-from uw_visibility.replay.report.gallery import ColourScale, Gallery, gradient, preview
+from uw_visibility.replay.report.gallery import Gallery, gradient, preview
 from uw_visibility.replay.report.meaning import meaning
 from uw_visibility.replay.report.sentences import (
     Frame,
@@ -40,17 +40,14 @@ from uw_visibility.replay.report.sentences import (
     rounded,
     verdict,
 )
-from uw_visibility.replay.report.svg import (
-    ESTIMATE,
-    FILTERED,
-    RULE,
-    Spot,
-    draw,
-    fit_layout,
-    variables,
-)
+from uw_visibility.replay.report.svg import ESTIMATE, FILTERED, RULE, Spot, draw, variables
 from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_tracks
-from uw_visibility.replay.results.refusals import OTHER_CHANNELS, STATUS_COLUMNS, WHOLE_FRAME
+from uw_visibility.replay.results.refusals import (
+    OTHER_CHANNELS,
+    STATUS_COLUMNS,
+    WHOLE_FRAME,
+    Refusal,
+)
 from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.table import read_columns, read_rows
 from uw_visibility.water.meaning.derived import QUANTITIES
@@ -92,8 +89,8 @@ def write_report(
         derived=derived_quantities(summary, folder / "frames.csv"),
         joins=joins,
         pictures=shown,
-        colours=_colours(gallery.scale),
-        refusals=_refusals(summary),
+        scale=gallery.scale, gradient=gradient(),
+        refusals=summary.refusals.together(), meaning=_meaning,
         other_channels=summary.refusals.has(OTHER_CHANNELS),
         plausibility=_plausibility(summary),
         timings=_timings(folder / "timings.csv"),
@@ -104,7 +101,6 @@ def write_report(
 
 
 def _view(what: str, image: Image8) -> dict[str, Any]:
-    """Return an image for the page."""
     png, (height, width) = preview(image, VIEW_WIDTH)
     source = Markup(f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}")
     return {"what": what, "source": source, "width": width, "height": height}
@@ -129,22 +125,8 @@ def _representative(folder: Path, summary: Summary) -> set[str]:
     return chosen | set(refused.values())
 
 
-def _colours(scale: ColourScale | None) -> dict[str, str] | None:
-    if scale is None:
-        return None
-    low, high = scale.describe(scale.low), scale.describe(scale.high)
-    return {"low": low, "high": high, "gradient": gradient()}
-
-
-def _refusals(summary: Summary) -> list[dict[str, Any]]:
-    return [
-        {
-            "what": refusal.what, "why": refusal.why, "count": refusal.count,
-            "frames": refusal.frames,
-            "meaning": "No result." if refusal.what == WHOLE_FRAME else meaning(refusal.why),
-        }
-        for refusal in summary.refusals.together()
-    ]
+def _meaning(refusal: Refusal) -> str:
+    return "No result." if refusal.what == WHOLE_FRAME else meaning(refusal.why)
 
 
 def _plausibility(summary: Summary) -> dict[str, Any] | None:
@@ -199,10 +181,11 @@ OVERVIEW_COLUMNS = (
     "mean_attenuation", "mean_attenuation_stddev", "depth", "depth_stddev", *MATCHED)
 
 
-def _part(part: str | Frame, linked: Collection[str]) -> dict[str, str]:
+def _part(part: str | Frame, linked: Collection[str]) -> str | dict[str, str]:
     """Return a part of a sentence; frames with a picture on the page link to it."""
-    frame = str(part.number) if isinstance(part, Frame) else ""
-    return {"text": str(part), "href": f"#frame-{frame}" if frame in linked else ""}
+    if isinstance(part, Frame) and str(part.number) in linked:
+        return {"text": str(part), "href": f"#frame-{part.number}"}
+    return str(part)
 
 
 def key_numbers(
@@ -322,8 +305,7 @@ def _said(row: Mapping[str, str], column: str) -> str:
 
 
 def _value(row: Mapping[str, str], name: str) -> str:
-    spread = row[f"{name}_stddev"]
-    return rounded(float(row[name]), float(spread)) if spread else number(float(row[name]))
+    return rounded(float(row[name]), float(row[f"{name}_stddev"] or "nan"))
 
 
 def _clearest(row: Mapping[str, str]) -> str:
@@ -398,7 +380,7 @@ def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Marku
     x, x_stddev, y = chosen[AGAINST], chosen[f"{AGAINST}_stddev"], chosen[name]
 
     def paint(figure: Figure, narrow: bool) -> list[Spot]:
-        fit_layout(figure)
+        figure.set_layout_engine("constrained")
         scatter, residuals = figure.subplots(*((2, 1) if narrow else (1, 2)))
         scatter.errorbar(
             x, y, xerr=x_stddev, fmt=".", color=ESTIMATE, elinewidth=0.6, alpha=0.6,
@@ -410,7 +392,7 @@ def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Marku
         else:
             _draw_fit(scatter, fit)
             residuals.errorbar(
-                figures.clock_time(chosen["stamp"]), y - fit.intercept - fit.slope * x,
+                chosen["stamp"] / figures.DAY, y - fit.intercept - fit.slope * x,
                 abs(fit.slope) * x_stddev, fmt=".", color=ESTIMATE, elinewidth=0.6, alpha=0.6)
             residuals.axhline(0.0, color=FILTERED, linewidth=1.0)
         figures.clock_axis(residuals, narrow=True)

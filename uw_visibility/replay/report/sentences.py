@@ -171,14 +171,14 @@ def _distance(synopsis: Synopsis) -> Sentence:
         if synopsis.constant and synopsis.assessed < synopsis.frames:
             where = "in the frames that show it" if synopsis.assessed else "in these"
         return [
-            f"Visibility distance was {_value(synopsis.median, spread)} {where}: differences "
+            f"Visibility distance was {rounded(synopsis.median, spread)} m {where}: differences "
             f"between frames {others}are within the standard deviations. "
             f"Lowest, {number(low.value)} m, in ", Frame(low.frame),
             f"; highest, {number(high.value)} m, in ", Frame(high.frame), f".{apart}",
         ]
     return [
-        f"Visibility distance was from {_value(low.value, low.stddev)} to "
-        f"{_value(high.value, high.stddev)}, median {number(synopsis.median)} m; worst in ",
+        f"Visibility distance was from {rounded(low.value, low.stddev)} m to "
+        f"{rounded(high.value, high.stddev)} m, median {number(synopsis.median)} m; worst in ",
         Frame(low.frame), ", best in ", Frame(high.frame), f".{apart}",
     ]
 
@@ -287,12 +287,10 @@ def _channels(synopsis: Synopsis) -> str:
     return f"the clearest channel: {named}"
 
 
-def _value(value: float, stddev: float) -> str:
-    return f"{rounded(value, stddev)} m"
-
-
 def rounded(value: float, stddev: float) -> str:
-    """Return a value and its standard deviation, with the digits that this allows."""
+    """Return a value and its standard deviation, where known, with the digits that this allows."""
+    if not math.isfinite(stddev):
+        return number(value)
     spread = number(stddev, 2)
     return f"{value:.{len(spread.partition('.')[2])}f} ± {spread}"
 
@@ -319,5 +317,4 @@ def amount(count: int, thing: str) -> str:
 
 
 def percentage(part: float) -> str:
-    """Return a part as a percentage."""
     return f"{number(100.0 * part, 2)} %"

@@ -141,11 +141,6 @@ def _draw(
     )
 
 
-def fit_layout(figure: Figure) -> None:
-    """Let matplotlib find room for all labels, which takes as long as to draw a figure."""
-    figure.set_layout_engine("constrained")
-
-
 def _over(figure: Figure, spots: Sequence[Spot]) -> str:
     """Return invisible areas over a drawing, with their texts."""
     width, height = 72.0 * figure.get_figwidth(), 72.0 * figure.get_figheight()

@@ -18,7 +18,7 @@ from uw_visibility.images.arrays import Array
 from uw_visibility.replay.inputs.sensors import EARTH_RADIUS, wrap_longitude
 from uw_visibility.replay.report.figures import MOST_NAMES, Columns, thin
 from uw_visibility.replay.report.sentences import amount, number
-from uw_visibility.replay.report.svg import HOLLOW, INK, NARROW, RULE, WIDE, Spot, draw, fit_layout
+from uw_visibility.replay.report.svg import HOLLOW, INK, NARROW, RULE, WIDE, Spot, draw
 
 COLOURED = {
     "visibility_distance": "visibility distance [m]",
@@ -101,7 +101,7 @@ def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
     label = COLOURED[quantity]
 
     def paint(figure: Figure, narrow: bool) -> list[Spot]:
-        fit_layout(figure)
+        figure.set_layout_engine("constrained")
         axes: Any = figure.subplots()
         points = None
         starts, ends = _labels(tracks, metres, LABELLED * max(extent))

@@ -138,7 +138,6 @@ class ResultFolder:
             ) from error
 
     def write_state(self, state: dict[str, Any]) -> None:
-        """Write the state of the result."""
         text = json.dumps(state, indent=1, allow_nan=False)
         aside = self.work / (MARK + ".new")
         aside.write_text(text + "\n", encoding="utf-8")

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Output bag of a replay, results.mcap: writing, and taking over an earlier part."""
+"""Output bag of a replay, results.mcap: what is in it, and taking over an earlier part."""
 
 from __future__ import annotations
 
@@ -8,18 +8,13 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.messages.estimates import NIS_TOPICS, ImageHeader, nis_messages
+from uw_visibility.messages.estimates import ImageHeader
 from uw_visibility.messages.images import MessageFactory
-from uw_visibility.messages.outputs import all_topics
-from uw_visibility.replay.bags.decoder import jazzy_types
-from uw_visibility.replay.bags.reader import BagReader, Recorded, UnreadableError
+from uw_visibility.replay.bags.reader import BagReader, UnreadableError
 from uw_visibility.replay.bags.storage import Channel
-from uw_visibility.replay.bags.writer import BagWriter
 from uw_visibility.replay.frame_log import read_records
-from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.topics import COMPRESSED, Selection
 from uw_visibility.replay.records import JoinedFrame
-from uw_visibility.replay.results.provenance import texts_of
 from uw_visibility.replay.table import read_rows
 from uw_visibility.replay.work import FrameAnswer
 from uw_visibility.status import Status
@@ -27,54 +22,6 @@ from uw_visibility.status import Status
 NAME = "results.mcap"
 DIAGNOSTICS = "/diagnostics"
 DIAGNOSTICS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
-
-
-class ResultWriter:
-    """Writer of results.mcap in a folder.
-
-    `copied` has by a recorded topic the name and the type of its copy here.
-    """
-
-    def __init__(
-        self, folder: Path, options: ReplayOptions, copied: Mapping[str, tuple[str, str]]
-    ) -> None:
-        self._folder, self._options, self._copied = folder, options, copied
-        topics = {**all_topics(options.node), **NIS_TOPICS}
-        absolute = {f"/{topic}": name for topic, name in topics.items()} | dict(copied.values())
-        if options.all_topics:
-            absolute[DIAGNOSTICS] = DIAGNOSTICS_TYPE
-        self._bag = BagWriter(folder / "results", absolute, in_place=True, compress=True)
-
-    def copy(self, message: Recorded, *, ros1: bool) -> None:
-        """Write a recorded message under the name that it has here."""
-        name, kind = self._copied[message.topic]
-        data = jazzy_types()[0].ros1_to_cdr(message.data, kind) if ros1 else message.data
-        self._bag.write_serialised(name, bytes(data), message.time)
-
-    def write_messages(self, messages: list[tuple[str, bytes]], time: int) -> None:
-        """Write serialised messages at a time (ns)."""
-        for topic, data in messages:
-            self._bag.write_serialised(f"/{topic}", data, time)
-
-    def write_joined(self, joined: JoinedFrame) -> None:
-        """Write the NIS of a frame, where it has one, and its diagnostics, where wanted."""
-        make, time = self._bag.make, joined.record.time
-        if joined.comparison is not None:
-            frame = self._options.node.depth_frame
-            for topic, message in nis_messages(make, joined.comparison, frame):
-                self._bag.write(f"/{topic}", message, time)
-        if self._options.all_topics:
-            self._bag.write(DIAGNOSTICS, diagnostics(make, joined), time)
-
-    def close(self, provenance: Mapping[str, Any]) -> None:
-        """Complete the file."""
-        for key, text in texts_of(provenance).items():
-            self._bag.annotate(f"uw_visibility.{key}", text)
-        self._bag.close()
-        made = self._folder / "results"
-        (made / NAME).rename(self._folder / NAME)
-        (made / "metadata.yaml").unlink()
-        made.rmdir()
 
 
 def _timings(path: Path) -> dict[str, dict[str, str]]:

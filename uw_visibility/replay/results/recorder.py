@@ -5,24 +5,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.messages.estimates import ESTIMATES, Estimate
+from uw_visibility.messages.estimates import ESTIMATES, NIS_TOPICS, Estimate, nis_messages
 from uw_visibility.messages.outputs import FILTERED, all_topics
 from uw_visibility.replay.bags.decoder import jazzy_types
+from uw_visibility.replay.bags.storage import Recorded
+from uw_visibility.replay.bags.writer import BagWriter
 from uw_visibility.replay.columns import COLUMNS, FAILED, TURBIDITY, Column, joined_column
-from uw_visibility.replay.frame_log import FrameLog
+from uw_visibility.replay.frame_log import NAME as LOG
+from uw_visibility.replay.frame_log import line_of
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.records import FrameEstimate, JoinedFrame
-from uw_visibility.replay.results.mcap import ResultWriter
+from uw_visibility.replay.results.mcap import DIAGNOSTICS, DIAGNOSTICS_TYPE, NAME, diagnostics
+from uw_visibility.replay.results.provenance import texts_of
 from uw_visibility.replay.table import TableWriter, write_dictionary
 from uw_visibility.replay.work import FrameAnswer
-from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.meaning.derived import DerivedModel
-from uw_visibility.water.series.filter import FilteredWater, KnownWater, WaterFilter
+from uw_visibility.water.series.filter import FilteredWater, WaterFilter
 
 Row = dict[str, str]
 
@@ -67,9 +70,9 @@ def frame_topics(options: ReplayOptions) -> list[str]:
 class FrameRecorder:
     """Writer of frames' rows and messages, with the filter over frames.
 
-    folder, options, copied: as `ResultWriter` takes them.
     earlier: timings of the frames that an earlier part had worked on.
-    log: what only a resumed replay would need.
+    copied: by a recorded topic the name and the type of its copy in results.mcap.
+    filter: takes the frames in order, whichever process answered them.
     """
 
     def __init__(
@@ -80,70 +83,77 @@ class FrameRecorder:
         copied: Mapping[str, tuple[str, str]],
     ) -> None:
         self.resumed = 0
-        self._folder = folder
-        self._earlier = earlier
-        self._turbidity = options.turbidity
+        self._folder, self._options = folder, options
+        self._earlier, self._copied = earlier, copied
         self.columns = columns_of(options)
         self._model = DerivedModel.from_config(options.pipeline)
         self._table = TableWriter(folder / "frames.csv", tuple(self.columns))
         write_dictionary(folder / "frames.csv", self.columns)
         self._timings: TableWriter | None = None
-        self.results = ResultWriter(folder, options, copied)
-        self._node = options.node
-        self._types, self._make = jazzy_types()
-        # The filter needs the frames in order, whichever process
-        # answered them.
-        self._filter = WaterFilter(options.pipeline)
-        self.log = FrameLog(folder)
-
-    @property
-    def lamps(self) -> LampLight | None:
-        """Light of the lamps over the frames so far; see `WaterFilter.lamps`."""
-        return self._filter.lamps
-
-    @property
-    def known(self) -> KnownWater | None:
-        """Water that the frames so far tell; see `WaterFilter.known`."""
-        return self._filter.known
+        topics = {**all_topics(options.node), **NIS_TOPICS}
+        absolute = {f"/{topic}": name for topic, name in topics.items()} | dict(copied.values())
+        if options.all_topics:
+            absolute[DIAGNOSTICS] = DIAGNOSTICS_TYPE
+        self._bag = BagWriter(folder / "results", absolute, in_place=True, compress=True)
+        self.filter = WaterFilter(options.pipeline)
+        # What only a resumed replay would need; each line is on disk at once.
+        self._log = (folder / LOG).open("w", encoding="ascii", buffering=1)
 
     def write_frame(self, answer: FrameAnswer) -> FilteredWater | None:
         """Write the messages of a frame, filtered ones too; returns the filtered estimate."""
         record, filtered = answer.record, None
-        self.results.write_messages(answer.messages, record.time)
+        for topic, data in answer.messages:
+            self._bag.write_serialised(f"/{topic}", data, record.time)
         self._write_timing(answer)
         if record.estimate is not None:
-            filtered = self._filter.update(
+            filtered = self.filter.update(
                 record.estimate.water, record.estimate.header.seconds, record.estimate.rig)
             if filtered is not None:
-                messages = list(self._filtered_messages(record.estimate, filtered))
-                self.results.write_messages(messages, record.time)
-        self.log.write(record)
+                self._write_filtered(record.estimate, filtered, record.time)
+        self._log.write(line_of(record))
         return filtered
 
     def write_row(self, joined: JoinedFrame) -> None:
         """Write a row that is complete, and the comparison with the sensor in it."""
-        self._table.write(row_of(self.columns, joined, self._model, self._turbidity))
-        self.results.write_joined(joined)
+        self._table.write(row_of(self.columns, joined, self._model, self._options.turbidity))
+        make, time = self._bag.make, joined.record.time
+        if joined.comparison is not None:
+            frame = self._options.node.depth_frame
+            for topic, message in nis_messages(make, joined.comparison, frame):
+                self._bag.write(f"/{topic}", message, time)
+        if self._options.all_topics:
+            self._bag.write(DIAGNOSTICS, diagnostics(make, joined), time)
+
+    def copy(self, message: Recorded, *, ros1: bool) -> None:
+        """Write a recorded message under the name that it has in results.mcap."""
+        name, kind = self._copied[message.topic]
+        data = jazzy_types()[0].ros1_to_cdr(message.data, kind) if ros1 else message.data
+        self._bag.write_serialised(name, bytes(data), message.time)
 
     def close(self, provenance: Mapping[str, Any]) -> None:
-        """Complete all files."""
         self._table.close()
-        self.log.close()
+        self._log.close()
         if self._timings is not None:
             self._timings.close()
-        self.results.close(provenance)
+        for key, text in texts_of(provenance).items():
+            self._bag.annotate(f"uw_visibility.{key}", text)
+        self._bag.close()
+        made = self._folder / "results"
+        (made / NAME).rename(self._folder / NAME)
+        (made / "metadata.yaml").unlink()
+        made.rmdir()
 
-    def _filtered_messages(
-        self, estimate: FrameEstimate, filtered: FilteredWater
-    ) -> Iterator[tuple[str, bytes]]:
+    def _write_filtered(
+        self, estimate: FrameEstimate, filtered: FilteredWater, time: int
+    ) -> None:
         source = Estimate(
-            self._make, estimate.header, filtered.water, filtered.visibility,
-            estimate.field_of_view, self._node,
+            self._bag.make, estimate.header, filtered.water, filtered.visibility,
+            estimate.field_of_view, self._options.node,
         )
-        for name, kind in ESTIMATES.items():
+        for name in ESTIMATES:
             message = source.message(name)
             if message is not None:
-                yield f"{FILTERED}/{name}", bytes(self._types.serialize_cdr(message, kind))
+                self._bag.write(f"/{FILTERED}/{name}", message, time)
 
     def _write_timing(self, answer: FrameAnswer) -> None:
         number = str(answer.record.frame)

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 import re
-import zlib
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -36,18 +35,15 @@ class Refusal:
     count: int = 0  # frames
     # first and last frame of each run of neighbours in the table; the first runs
     runs: list[list[str]] = field(default_factory=list)
-    # shown, last_row, mark: frames in `runs`, row of the last frame, and what tells sets of frames
-    # apart
+    # shown, last_row: frames in `runs`, and row of the last frame
     shown: int = 0
     last_row: int = -2
-    mark: int = 0
 
     def add(self, row: int, frame: str) -> None:
         """Count a frame in this row of the table."""
         follows = self.last_row == row - 1 and self.shown == self.count
         self.count += 1
         self.last_row = row
-        self.mark = zlib.crc32(frame.encode(), self.mark)
         if follows:
             self.runs[-1][1] = frame
         elif len(self.runs) < MOST_RUNS and self.shown == self.count - 1:
@@ -87,9 +83,9 @@ class Refusals:
 
     def together(self) -> list[Refusal]:
         """Return the refusals; quantities with the same frames and reason are merged."""
-        groups: dict[tuple[str, int, int], list[Refusal]] = {}
+        groups: dict[tuple[str, int, str], list[Refusal]] = {}
         for refusal in self._refusals.values():
-            key = (refusal.why, refusal.count, refusal.mark)
+            key = (refusal.why, refusal.count, refusal.frames)
             groups.setdefault(key, []).append(refusal)
         return [
             Refusal(**{**asdict(group[0]), "what": ", ".join(r.what for r in group)})
@@ -97,7 +93,6 @@ class Refusals:
         ]
 
     def state(self) -> list[dict[str, Any]]:
-        """Serialise the refusals for JSON."""
         return [asdict(refusal) for refusal in self._refusals.values()]
 
     @classmethod

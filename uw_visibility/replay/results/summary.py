@@ -26,8 +26,6 @@ TAKEN = (TrackingEvent.STARTED, TrackingEvent.UPDATED, TrackingEvent.RESTARTED)
 
 @dataclass
 class Summary:
-    """Summary of a replay."""
-
     bag: str
     output: str
     complete: bool = False
@@ -73,7 +71,6 @@ class Summary:
 
     @property
     def failed(self) -> int:
-        """Frames without a result."""
         return self.status[FAILED]
 
     def rejections(self) -> str:
@@ -109,7 +106,6 @@ class Summary:
         }
 
     def count(self, joined: JoinedFrame) -> None:
-        """Count a frame."""
         self.frames += 1
         self.refusals.count(joined)
         filtered, estimate = joined.filtered, joined.record.estimate

@@ -170,7 +170,6 @@ class AdaptiveReliabilitySubscription:
         return describe_publishers(self._node, self._present)
 
     def destroy(self) -> None:
-        """Destroy what was subscribed."""
         while self._subscriptions:
             self._node.destroy_subscription(self._subscriptions.popitem()[1])
 
