@@ -32,7 +32,7 @@ from uw_visibility.config.schema import read_yaml
 from uw_visibility.images.files import read_image
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility_lab.evaluation.degrade import Scene, load_scene
-from uw_visibility_lab.evaluation.metrics import correct_fraction, mean_colour_difference
+from uw_visibility_lab.evaluation.metrics import colour_difference, correct_fraction
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
@@ -121,7 +121,7 @@ def measure(parameters: Parameters) -> dict[str, float]:
             result = make_pipeline(rig, parameters).process(left, right)
             correct[alpha].append(correct_fraction(result.disparity, truth))
             errors.append(abs(result.visibility.mean_attenuation - alpha))
-            differences.append(mean_colour_difference(result.left_enhanced, radiance))
+            differences.append(float(colour_difference(result.left_enhanced, radiance).mean()))
     row = {f"ok a={alpha:g}": float(np.mean(found)) for alpha, found in correct.items()}
     row["error of a"] = float(np.nanmean(errors))
     row["delta E"] = float(np.mean(differences))

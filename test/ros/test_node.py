@@ -447,5 +447,5 @@ def test_recorded_raw_pairs_are_rectified_and_processed(
         assert disparity.t == pytest.approx(0.06620494413054522)
         complete.append(stamp)
     # A board at half a metre, in water that shows some 20 m, says next to nothing of it.
-    client.diagnosed("pipeline", str(Status.RANGE_SPREAD_TOO_SMALL))
+    client.diagnosed("pipeline", str(Status.ATTENUATION_UNCERTAIN))
     assert not client.received["visibility/distance"], node.log
