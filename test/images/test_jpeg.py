@@ -7,6 +7,7 @@ from __future__ import annotations
 import io
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -141,6 +142,18 @@ def test_what_holds_no_colour_of_that_kind_is_left_to_its_pixels() -> None:
         grey.getvalue(), four.getvalue(), rgb.getvalue(), row, cut, b"\xff\xd8\xff\xe0", b"",
     ):
         assert jpeg_chroma(data) is None
+
+
+def test_a_table_with_a_step_of_nothing_is_damage() -> None:
+    file = io.BytesIO()
+    Image.fromarray(np.full((32, 32, 3), 90, np.uint8)).save(file, "JPEG", quality=80)
+    data = bytearray(file.getvalue())
+    assert jpeg_chroma(bytes(data)) is not None
+    # The last of the 64 steps of the first table, behind marker, length and number.
+    data[data.index(b"\xff\xdb") + 5 + 63] = 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert jpeg_chroma(bytes(data)) is None
 
 
 def test_an_image_beyond_the_limit_of_pillow_is_left_to_its_pixels(

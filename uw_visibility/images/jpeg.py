@@ -158,6 +158,9 @@ def _read(data: bytes) -> _File | None:
         image.draft("YCbCr", (width, height) if layout.exact else image.size)
         planes = np.asarray(image)
         tables = [image.quantization[layer[3]] for layer in image.layer]
+        # A step of 0 is damage.
+        if not np.all(tables):
+            return None
     except (OSError, SyntaxError, LookupError, Image.DecompressionBombError):
         # Damage, or a size beyond Pillow's limit, that OpenCV has decoded all the same.
         return None

@@ -104,6 +104,18 @@ def test_a_transfer_is_forgotten_with_the_recording() -> None:
     assert found is not None and found.water.status is Status.OK
 
 
+def test_frames_that_together_are_clearer_than_clear_water_are_refused() -> None:
+    """Each is within three sigma of it, and the mean of five is not."""
+    covariance = np.array([np.diag([0.05**2, 0.01**2])] * 3)
+    one = replace(water(), attenuation=np.array([0.17, 0.3, 0.2]), covariance=covariance)
+    kept = WaterFilter(PipelineConfig.from_parameters({"tracking.common_error": 0.0}))
+    found = [kept.update(one, float(number)) for number in range(8)]
+    assert found[0] is not None and found[0].visibility.status is Status.OK
+    assert found[-1] is not None
+    assert found[-1].visibility.status is Status.CLEARER_THAN_CLEAR_WATER
+    assert not np.isfinite(found[-1].water.attenuation).any()
+
+
 def test_nothing_is_filtered_where_tracking_is_off() -> None:
     off = WaterFilter(PipelineConfig.from_parameters({"tracking.enabled": False}))
     assert off.update(water(), 0.0) is None

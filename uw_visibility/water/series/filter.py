@@ -18,7 +18,8 @@ from uw_visibility.images.arrays import Array
 from uw_visibility.status import REFUTING, Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.grey_average import ColourBalance, GreyFrames
-from uw_visibility.water.estimate import LampLight, WaterEstimate
+from uw_visibility.water.daylight.validation import refute_clearness
+from uw_visibility.water.estimate import LampLight, WaterEstimate, joint_covariance
 from uw_visibility.water.lamps.estimation import NodeEstimator
 from uw_visibility.water.lamps.survey import LampSurvey
 from uw_visibility.water.meaning.assessment import Assessor, Visibility
@@ -151,9 +152,13 @@ class WaterFilter:
         event = self._tracker.event
         assert event is not None
         survey = self._surveyed(water, filtered, stamp, event)
-        refuted = Status.OTHER_TRANSFER if self._transfer.certain else water.status
+        # Together frames may be certain of what none of them is alone.
+        together = Status.OTHER_TRANSFER if self._transfer.certain else refute_clearness(
+            filtered.attenuation, joint_covariance(filtered)[0::2, 0::2],
+            self._assessor.clear_water_attenuation)
+        refuted = water.status if together is Status.OK else together
         # What shows nothing is bridged; what contradicts a frame does so to those before it too.
-        if self._transfer.certain or (event in _UNSEEN and refuted in REFUTING):
+        if together is not Status.OK or (event in _UNSEEN and refuted in REFUTING):
             filtered, event, survey = WaterEstimate.not_assessable(
                 refuted, water.envelope), TrackingEvent.NOT_ASSESSABLE, None
         elif survey is not None:
