@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from uw_visibility.images.noise import noise_stddev
+from uw_visibility.images.noise import SMOOTHEST, _smoothest, noise_stddev
 
 
 @pytest.mark.parametrize("stddev", [0.8, 1.5, 4.0])
@@ -23,3 +23,9 @@ def test_what_has_no_noise_has_none():
     assert (noise_stddev(ramp) < 0.2).all()
     assert (noise_stddev(np.full((100, 100, 3), 7, np.uint8)) == 0).all()
     assert (noise_stddev(np.zeros((5, 5, 3), np.uint8)) == 0).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 200])
+def test_the_smoothest_blocks_are_those_of_numpys_quantile(count):
+    variances = np.random.default_rng(count).random(count)
+    assert _smoothest(variances) == pytest.approx(np.quantile(variances, SMOOTHEST), rel=1e-12)

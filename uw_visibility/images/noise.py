@@ -4,9 +4,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
+from typing import Any
 
+import numpy as np
+
+from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array, Image
 
 BLOCK = 8
@@ -30,20 +32,48 @@ def noise_stddev(image: Image) -> Array:
     if min(height, width) < BLOCK + 2:
         return result
     stride = max(BLOCK, int(np.sqrt(height * width / SAMPLED_BLOCKS)))
-    # Blocks with a border of a pixel: (rows, columns, channels, BLOCK + 2, BLOCK + 2).
-    blocks = sliding_window_view(planes, (BLOCK + 2, BLOCK + 2), axis=(0, 1))[::stride, ::stride]
-    blocks = blocks.astype(np.float64)
-    # Four times the difference from the mean of four.
-    apart = (
-        4 * blocks[..., 1:-1, 1:-1] - blocks[..., :-2, 1:-1] - blocks[..., 2:, 1:-1]
-        - blocks[..., 1:-1, :-2] - blocks[..., 1:-1, 2:])
-    variances = np.einsum("ijcyx,ijcyx->ijc", apart, apart).reshape(-1, channels)
-    variances /= 16.0 * BLOCK**2
+    rows = (height - BLOCK - 2) // stride + 1
+    columns = (width - BLOCK - 2) // stride + 1
+    variances = np.zeros((rows * columns, channels))
+    _block_variances(planes, stride, columns, variances)
     # The mean of four neighbours adds a quarter of the variance; blocks of one
     # value, as in padding, hold no noise to measure.
     for channel in range(channels):
         alive = variances[variances[:, channel] > 0, channel]
         if len(alive):
-            variance = float(np.quantile(alive, SMOOTHEST)) / 1.25
+            variance = _smoothest(alive) / 1.25
             result[channel] = np.sqrt(max(variance - ROUNDING_VARIANCE, 0.0))
     return result
+
+
+def _smoothest(variances: Array) -> float:
+    """Return the quantile `SMOOTHEST`, as numpy's does but in a third of the time."""
+    ordered = np.sort(variances)
+    place = SMOOTHEST * (len(ordered) - 1)
+    below = int(place)
+    above = min(below + 1, len(ordered) - 1)
+    return float(ordered[below] + (place - below) * (ordered[above] - ordered[below]))
+
+
+@njit(nogil=True)
+def _block_variances(image: Any, stride: int, columns: int, variances: Any) -> None:
+    for block in range(len(variances)):
+        top = 1 + (block // columns) * stride
+        left = 1 + (block % columns) * stride
+        for channel in range(image.shape[2]):
+            total = np.int64(0)
+            for y in range(top, top + BLOCK):
+                for x in range(left, left + BLOCK):
+                    total += _squared_difference(image, y, x, channel)
+            # Differences are four times those from the mean of four.
+            variances[block, channel] = total / (16.0 * BLOCK * BLOCK)
+
+
+@njit(nogil=True, inline="always")
+def _squared_difference(image: Any, y: int, x: int, channel: int) -> Any:
+    difference = (
+        (np.int64(image[y, x, channel]) << 2)
+        - np.int64(image[y - 1, x, channel]) - np.int64(image[y + 1, x, channel])
+        - np.int64(image[y, x - 1, channel]) - np.int64(image[y, x + 1, channel])
+    )
+    return difference * difference

@@ -11,7 +11,7 @@ from uw_visibility.images.arrays import Array, Image, Points
 from uw_visibility.optics.transfer import linear_table
 
 # More points than this tell nothing new.
-_MOST_POINTS = 1000
+_MOST_POINTS = 400
 # Fewer than this tell nothing.
 _FEWEST_POINTS = 30
 # Half side of the square over which pixels are averaged, px.
