@@ -28,12 +28,26 @@ class BagReader:
 
     What is damaged is read as far as it goes, and told in `damage`.
 
-    path: folder of a ROS 2 bag, one of its files, or file of a ROS 1 bag.
-    files: list of Path, those of the recording.
-    ros1: whether it is one of ROS 1.
-    channels: dict of str to Channel, topics by name, with the messages that the indexes of all
-        files count.
-    Raises `InputError` if it cannot be read as a bag; `UnreadableError` where it is one.
+    Parameters
+    ----------
+    path : str or Path
+        Folder of a ROS 2 bag, one of its files, or file of a ROS 1 bag.
+
+    Attributes
+    ----------
+    path : Path
+        As given.
+    files : list of Path
+        Files of the recording.
+    ros1 : bool
+        Whether it is one of ROS 1.
+    channels : dict of str to Channel
+        Topics by name, with the messages that the indexes of all files count.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read as a bag; `UnreadableError` where it is one.
     """
 
     def __init__(self, path: str | Path) -> None:
