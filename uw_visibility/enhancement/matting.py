@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, DisparityMap, Mask
-from uw_visibility.images.cells import fold
+from uw_visibility.images.cells import fold, spread
 
 # Pixels of the image per cell of the finest grid, in either direction.
 CELL = 4
@@ -75,11 +75,10 @@ def refine(
         If the image does not fit the map.
     """
     config = config or EnhancementConfig()
-    height, width = coarse.shape
     if guide.shape[:2] != coarse.shape:
         raise InputError(
             f"image of {guide.shape[1]}x{guide.shape[0]} px does not fit a disparity map of "
-            f"{width}x{height} px: give both of the same view")
+            f"{coarse.shape[1]}x{coarse.shape[0]} px: give both of the same view")
     if guide.dtype not in (np.dtype(np.uint8), np.dtype(np.uint16)):
         raise InputError(f"image of type {guide.dtype} cannot guide matting: give 8 or 16 bit")
     known = np.isfinite(coarse)
@@ -92,11 +91,9 @@ def refine(
     down = down[:, np.newaxis]
     cells, (along_x, along_y, offset) = _reduce(coarse, known, image, across, down)
     radius = max(1, round(config.matting_radius / CELL))
-    rows, columns = cells.value.shape
-    coefficients = cv2.resize(
-        _regress(cells, radius, config.matting_smoothness).astype(np.float32),
-        (columns * CELL, rows * CELL), interpolation=cv2.INTER_LINEAR)[:height, :width]
-    disparity = _evaluate(coefficients, image) + (along_x * across + along_y * down + offset)
+    coefficients = _regress(cells, radius, config.matting_smoothness).astype(np.float32)
+    disparity = _evaluate(spread(coefficients, CELL, coarse.shape), image) + (
+        along_x * across + along_y * down + offset)
     return np.clip(disparity, coarse[known].min(), coarse[known].max()).astype(np.float32)
 
 
@@ -145,11 +142,7 @@ def _regress(cells: _Cells, radius: int, smoothness: float) -> Array:
     prior: Array | float = 0.0
     if max(cells.value.shape) > 2 * radius + 1:
         coarser = _regress(_halved(cells), radius, smoothness).astype(np.float32)
-        height, width = cells.value.shape
-        size = (2 * coarser.shape[1], 2 * coarser.shape[0])
-        prior = _evaluate(
-            cv2.resize(coarser, size, interpolation=cv2.INTER_LINEAR)[:height, :width],
-            cells.guide)
+        prior = _evaluate(spread(coarser, 2, cells.value.shape), cells.guide)
     weight = cells.weight + FLOOR
     value = (cells.weight * cells.value + FLOOR * prior) / weight
     each = np.concatenate((

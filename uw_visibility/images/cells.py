@@ -1,11 +1,12 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Square cells of pixels: sums, and other reductions, over each."""
+"""Square cells of pixels: sums, and other reductions, over each, and back to pixels."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,3 +39,10 @@ def fold(
             else np.pad(values, pad, constant_values=beyond))
     rows = how.reduce(values.reshape(height, side, *values.shape[1:]), axis=1)
     return np.asarray(how.reduce(rows.reshape(height, width, side, *values.shape[2:]), axis=2))
+
+
+def spread(cells: NDArray[Any], side: int, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Interpolate (h, w, ...) at the middles of cells linearly to pixels of a shape (H, W)."""
+    size = cells.shape[1] * side, cells.shape[0] * side
+    pixels = cv2.resize(cells, size, interpolation=cv2.INTER_LINEAR)
+    return np.asarray(pixels[: shape[0], : shape[1]])

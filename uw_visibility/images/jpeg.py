@@ -54,6 +54,7 @@ class _File(NamedTuple):
     shape: tuple[int, int]  # rows and columns that show all of their pixels
     steps: list[Array]  # (8, 8) of Y, Cb, Cr
 
+
 # Variance of a coefficient of colour that brightness does not tell.
 UNRELATED_VARIANCE = 0.5
 # Rounds of prediction within the intervals, and of the slope that fits it.

@@ -108,7 +108,7 @@ class FirstStep:
         self._pyramid, self._matcher = self._scale.pyramid, self._scale.matcher
         self._rig = rig
         self._support_step = config.stereo.support_step
-        self._matting = config.enhancement
+        self._enhancement = config.enhancement
         self._estimator = estimator
         self._workers = workers
 
@@ -138,7 +138,7 @@ class FirstStep:
         def matte() -> DisparityMap:
             with clock("matting"):
                 # A thin mesh is helped by the dominant plane.
-                return refine(fill_plane(mesh, support.points), left.pixels, self._matting)
+                return refine(fill_plane(mesh, support.points), left.pixels, self._enhancement)
 
         def estimate() -> WaterEstimate:
             with clock("visibility estimation 1"):

@@ -16,7 +16,7 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import DisparityMap
-from uw_visibility.images.cells import fold
+from uw_visibility.images.cells import fold, spread
 
 # Directions that one sweep over the rows looks in; along a row there are two more.
 DIRECTIONS = 3
@@ -241,7 +241,5 @@ def inpaint(disparity: DisparityMap) -> NDArray[np.float32]:
         small = cv2.inpaint(small, holes.astype(np.uint8), REACH, cv2.INPAINT_NS)
         # Beside single known cells OpenCV may divide nothing by nothing.
         small[~np.isfinite(small)] = low
-    size = small.shape[1] * CELL, small.shape[0] * CELL
-    smooth = cv2.resize(small, size, interpolation=cv2.INTER_LINEAR)
-    rows, columns = disparity.shape
-    return np.where(known, disparity, np.clip(smooth[:rows, :columns], low, high))
+    return np.where(
+        known, disparity, np.clip(spread(small, CELL, disparity.shape), low, high))
