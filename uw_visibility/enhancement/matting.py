@@ -38,7 +38,7 @@ STEEP = 2.0
 
 
 class _Cells(NamedTuple):
-    """Cells of a grid: mean of the guide (h, w, 3), disparity, px, and its weight, (h, w) each."""
+    """Cells of a grid: mean of the guide (3, h, w), disparity, px, and its weight, (h, w) each."""
 
     guide: Array
     value: Array
@@ -84,17 +84,17 @@ def refine(
     known = np.isfinite(coarse)
     if not known.any():
         return np.full(coarse.shape, np.nan, np.float32)
-    colours = guide if guide.ndim == 3 else guide[..., np.newaxis]
-    image = np.broadcast_to(
-        colours / np.float32(np.iinfo(guide.dtype).max) - np.float32(0.5), (*coarse.shape, 3))
-    down, across = (np.arange(n, dtype=np.float64) for n in coarse.shape)
+    planes = cv2.split(guide) if guide.ndim == 3 else (guide,) * 3
+    image = np.stack([
+        plane / np.float32(np.iinfo(guide.dtype).max) - np.float32(0.5) for plane in planes])
+    down, across = (np.arange(n, dtype=np.float32) for n in coarse.shape)
     down = down[:, np.newaxis]
     cells, (along_x, along_y, offset) = _reduce(coarse, known, image, across, down)
     radius = max(1, round(config.matting_radius / CELL))
-    coefficients = _regress(cells, radius, config.matting_smoothness).astype(np.float32)
-    disparity = _evaluate(spread(coefficients, CELL, coarse.shape), image) + (
-        along_x * across + along_y * down + offset)
-    return np.clip(disparity, coarse[known].min(), coarse[known].max()).astype(np.float32)
+    coefficients = _regress(cells, radius, config.matting_smoothness)
+    disparity = _evaluate(coefficients, CELL, image)
+    disparity += np.float32(along_x) * across + (along_y * down + offset).astype(np.float32)
+    return np.clip(disparity, np.nanmin(coarse), np.nanmax(coarse))
 
 
 def _reduce(
@@ -104,13 +104,13 @@ def _reduce(
 
     Of the plane returns the slopes per px along x and y and the value at (0, 0).
     """
-    count = fold(known.astype(np.float32), CELL, 0.0)
+    seen = known.astype(np.float32)
+    count = fold(seen, CELL, 0.0)
     some = np.maximum(count, 1.0)
     value, x, y = (
-        np.asarray(fold(np.where(known, values, 0.0), CELL, 0.0) / some)
-        for values in (coarse, across, down))
-    near = fold(np.where(known, coarse, -np.inf), CELL, -np.inf, np.maximum)
-    far = fold(np.where(known, coarse, np.inf), CELL, np.inf, np.minimum)
+        fold(values, CELL, 0.0) / some.astype(np.float64)
+        for values in (np.where(known, coarse, np.float32(0.0)), seen * across, seen * down))
+    near, far = (fold(coarse, CELL, np.nan, how) for how in (np.fmax, np.fmin))
     ramp = np.where(count > 0, near - far, np.inf) / STEEP
     weight = 1.0 / (1.0 + ramp**2)
     place = np.stack((x, y), axis=2)[count > 0]
@@ -121,7 +121,8 @@ def _reduce(
     slopes = np.linalg.solve(square, (share * (disparity - level)) @ away)
     plane = (float(slopes[0]), float(slopes[1]), float(level - slopes @ middle))
     value -= np.where(count > 0, plane[0] * x + plane[1] * y + plane[2], value)
-    return _Cells(fold(image, CELL) / CELL**2, value, weight), plane
+    means = np.stack([fold(each, CELL) / CELL**2 for each in image])
+    return _Cells(means, value, weight), plane
 
 
 def _halved(cells: _Cells) -> _Cells:
@@ -130,53 +131,59 @@ def _halved(cells: _Cells) -> _Cells:
     known = np.maximum(fold((cells.weight > 0).astype(np.float64), 2, 0.0), 1.0)
     weighted = fold(cells.weight * cells.value, 2, 0.0)
     return _Cells(
-        fold(cells.guide, 2) / 4.0, weighted / np.where(total > 0, total, 1.0), total / known)
+        np.stack([fold(plane, 2) / 4.0 for plane in cells.guide]),
+        weighted / np.where(total > 0, total, 1.0), total / known)
 
 
 def _regress(cells: _Cells, radius: int, smoothness: float) -> Array:
-    """Coefficients (h, w, 4) of disparity: slopes over the colours, and an offset.
+    """Coefficients (4, h, w) of disparity: slopes over the colours, and an offset.
 
     They are means over all windows that hold a cell. `smoothness` is the regularisation ε of the
     slopes, variance of a guide of 0..1.
     """
     prior: Array | float = 0.0
     if max(cells.value.shape) > 2 * radius + 1:
-        coarser = _regress(_halved(cells), radius, smoothness).astype(np.float32)
-        prior = _evaluate(spread(coarser, 2, cells.value.shape), cells.guide)
+        prior = _evaluate(_regress(_halved(cells), radius, smoothness), 2, cells.guide)
     weight = cells.weight + FLOOR
     value = (cells.weight * cells.value + FLOOR * prior) / weight
-    each = np.concatenate((
-        np.ones((*value.shape, 1)), cells.guide, value[..., np.newaxis]), axis=2)
-    summed = _box(
-        weight[..., np.newaxis, np.newaxis] * each[..., np.newaxis] * each[..., np.newaxis, :],
-        radius)
-    total = summed[..., 0, 0]
-    mean = summed[..., 0, 1:] / total[..., np.newaxis]
-    covariance = (
-        summed[..., 1:, 1:] / total[..., np.newaxis, np.newaxis]
-        - mean[..., np.newaxis] * mean[..., np.newaxis, :])
-    of_guide, with_value = covariance[..., :3, :3], covariance[..., :3, 3]
-    slopes = np.linalg.solve(
-        of_guide + smoothness * np.eye(3), with_value[..., np.newaxis])[..., 0]
-    residual = covariance[..., 3, 3] - (slopes * with_value).sum(axis=2)
-    offset = mean[..., 3] - (slopes * mean[..., :3]).sum(axis=2)
+    # One, the guide's channels and the value, and the sums of their products over windows: planes.
+    each = np.stack((np.ones_like(value), *cells.guide, value))
+    first, second = np.triu_indices(len(each))
+    summed = np.empty((len(each), *each.shape))
+    summed[first, second] = summed[second, first] = _box(
+        weight * each[first] * each[second], radius)
+    total = summed[0, 0]
+    mean = summed[0, 1:] / total
+    covariance = summed[1:, 1:] / total - mean[:, np.newaxis] * mean
+    with_value = covariance[:3, 3]
+    slopes = _solve(
+        covariance[:3, :3] + smoothness * np.eye(3)[..., np.newaxis, np.newaxis], with_value)
+    residual = covariance[3, 3] - (slopes * with_value).sum(axis=0)
+    offset = mean[3] - (slopes * mean[:3]).sum(axis=0)
     trust = total / (np.maximum(residual, 0.0) + RESIDUAL)
-    solved = np.concatenate((
-        slopes, offset[..., np.newaxis], np.ones_like(offset)[..., np.newaxis]), axis=2)
-    averaged = _box(trust[..., np.newaxis] * solved, radius)
-    return np.asarray(averaged[..., :4] / averaged[..., 4:])
+    *averaged, weights = _box(trust * np.stack((*slopes, offset, np.ones_like(offset))), radius)
+    return np.asarray(averaged / weights)
 
 
-def _box(values: Array, radius: int) -> Array:
-    """Sums over windows of 2 radius + 1 cells, cut at the border, (h, w, ...)."""
-    flat = values.reshape(*values.shape[:2], -1)
+def _solve(matrix: Array, right: Array) -> Array:
+    """Solve symmetric systems (3, 3, h, w) for (3, h, w), by Cramer's rule."""
+    one, two, three = matrix
+    minors = [np.cross(*rows, axis=0) for rows in ((two, three), (three, one), (one, two))]
+    determinant = (one * minors[0]).sum(axis=0)
+    return np.asarray(sum(b * row for b, row in zip(right, minors, strict=True)) / determinant)
+
+
+def _box(planes: Array, radius: int) -> Array:
+    """Sums over windows of 2 radius + 1 cells, cut at the border, of each plane (h, w)."""
     side = 2 * radius + 1
-    return np.asarray(cv2.boxFilter(
-        flat, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT,
-    )).reshape(values.shape)
+    return np.stack([
+        cv2.boxFilter(
+            plane, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for plane in planes])
 
 
-def _evaluate(coefficients: NDArray[Any], guide: NDArray[Any]) -> NDArray[Any]:
-    """Disparity by coefficients (H, W, 4) and the guide (H, W, 3)."""
-    return np.asarray(
-        np.einsum("yxc,yxc->yx", coefficients[..., :3], guide) + coefficients[..., 3])
+def _evaluate(coefficients: Array, side: int, guide: NDArray[Any]) -> NDArray[Any]:
+    """Disparity (H, W) by coefficients (4, h, w) of cells and the guide (3, H, W)."""
+    *slopes, offset = (
+        spread(plane.astype(np.float32), side, guide.shape[1:]) for plane in coefficients)
+    return np.asarray(sum(a * b for a, b in zip(slopes, guide, strict=True)) + offset)

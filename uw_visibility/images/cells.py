@@ -38,7 +38,8 @@ def fold(
             np.pad(values, pad, mode="edge") if beyond is None
             else np.pad(values, pad, constant_values=beyond))
     rows = how.reduce(values.reshape(height, side, *values.shape[1:]), axis=1)
-    return np.asarray(how.reduce(rows.reshape(height, width, side, *values.shape[2:]), axis=2))
+    # Over a short last axis NumPy reduces ten times more slowly than over a first one.
+    return np.asarray(how.reduce([rows[:, i::side] for i in range(side)]))
 
 
 def spread(cells: NDArray[Any], side: int, shape: tuple[int, ...]) -> NDArray[Any]:
