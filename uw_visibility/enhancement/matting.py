@@ -98,7 +98,8 @@ def refine(
 
 
 def _reduce(
-    coarse: DisparityMap, known: Mask, image: NDArray[Any], across: Array, down: Array
+    coarse: DisparityMap, known: Mask, image: NDArray[Any], across: NDArray[Any],
+    down: NDArray[Any],
 ) -> tuple[_Cells, tuple[float, float, float]]:
     """Average over cells, and take off the plane of the disparities.
 

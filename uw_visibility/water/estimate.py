@@ -102,6 +102,9 @@ class WaterEstimate:
     transfer_log_odds : float
         How much likelier the image is if the camera's transfer is not the one that was
         told, as a logarithm; NaN where it does not say.
+    lamps_log_odds : float
+        How much likelier the image is by lamps that were not told than by daylight, as a logarithm;
+        NaN where it does not say, or lamps were told.
     """
 
     status: Status
@@ -122,6 +125,7 @@ class WaterEstimate:
     grey_on_average: bool = False
     blue_as_green: bool = False
     transfer_log_odds: float = math.nan
+    lamps_log_odds: float = math.nan
 
     @property
     def veil(self) -> Array:

@@ -22,6 +22,7 @@ from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.results.synopsis import Findings, Synopsis
 from uw_visibility.status import Status
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Visibility
 from uw_visibility.water.meaning.derived import QUANTITIES, DerivedQuantities
 from uw_visibility.water.observations import Envelopes
@@ -304,3 +305,19 @@ def test_a_value_has_the_digits_that_its_deviation_allows() -> None:
     assert rounded(4.1312, 1.9) == "4.1 ± 1.9"
     assert rounded(123.4, 25.0) == "123 ± 25"
     assert rounded(6.1234, 0.012) == "6.123 ± 0.012"
+
+
+def test_what_frames_refute_together_is_not_told_of_those_that_show_it_alone() -> None:
+    """Two frames of a night pass for daylight."""
+    night = WaterEstimate.not_assessable(Status.LIT_BY_LAMPS)
+    refused = Visibility(Status.LIT_BY_LAMPS, Status.LIT_BY_LAMPS)
+    frames = []
+    for k, distance in enumerate([math.nan, 60.0, math.nan, 65.0]):
+        status = Status.OK if math.isfinite(distance) else Status.LIT_BY_LAMPS
+        frames.append(replace(seen(k, distance, status=status), filtered=FilteredWater(
+            night, refused, TrackingEvent.NOT_ASSESSABLE)))
+    sentences, summary = told(*frames)
+    assert sentences[0].startswith("Visibility could not be assessed in any of 4 frames")
+    assert any("numbers of frames: lit by lamps: set lighting.model (4)" in s for s in sentences)
+    assert not any("60" in sentence for sentence in sentences)
+    assert summary.synopsis is not None and summary.synopsis.told == 0

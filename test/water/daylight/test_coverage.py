@@ -225,7 +225,7 @@ class TestPhysicalSense:
     SEEDS = range(12)
 
     def test_a_wrong_transfer_is_told(self):
-        """By frames together; see `TransferVote`."""
+        """By frames together; see `Vote` of the filter."""
         draws = [draw(seed) for seed in self.SEEDS]
         wrong = [estimate(encoded(one), one.range).transfer_log_odds for one in draws]
         reverse = [estimate(one.image, one.range, "srgb").transfer_log_odds for one in draws]

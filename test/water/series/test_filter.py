@@ -104,6 +104,21 @@ def test_a_transfer_is_forgotten_with_the_recording() -> None:
     assert found is not None and found.water.status is Status.OK
 
 
+@pytest.mark.parametrize(("odds", "status"), [
+    ([-1.0, -2.5, -1.0, -1.5], Status.LIGHT_UNCERTAIN),
+    ([2.0, -2.5, 1.0, 1.0], Status.LIT_BY_LAMPS),
+    ([-7.0] * 19 + [0.5], Status.OK), ([np.nan] * 3, Status.OK),
+])
+def test_a_frame_that_passes_for_daylight_among_those_by_lamps_is_none(
+    odds: list[float], status: Status
+) -> None:
+    kept = WaterFilter(PipelineConfig())
+    for k, one in enumerate(odds):
+        found = kept.update(replace(water(), lamps_log_odds=one), 0.2 * k)
+    assert found is not None and found.water.status is status
+    assert np.isfinite(found.visibility.distance) == (status is Status.OK)
+
+
 def test_frames_that_together_are_clearer_than_clear_water_are_refused() -> None:
     """Each is within three sigma of it, and the mean of five is not."""
     covariance = np.array([np.diag([0.05**2, 0.01**2])] * 3)

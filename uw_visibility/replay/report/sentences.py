@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import NamedTuple
@@ -13,7 +14,7 @@ from uw_visibility.config.assumptions import assumptions
 from uw_visibility.errors import printable
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.report.meaning import MEANINGS
-from uw_visibility.replay.results.refusals import DISTANCE, WHOLE_FRAME, Refusal
+from uw_visibility.replay.results.refusals import DISTANCE, OVER_FRAMES, WHOLE_FRAME
 from uw_visibility.replay.results.summary import TAKEN, Summary
 from uw_visibility.replay.results.synopsis import TOLD, Synopsis
 from uw_visibility.water.meaning.derived import QUANTITIES
@@ -226,31 +227,32 @@ def _trust(synopsis: Synopsis) -> Sentence:
 
 
 def _refused(summary: Summary, synopsis: Synopsis) -> Sentence:
-    missing = synopsis.frames - synopsis.assessed
+    missing = synopsis.frames - (synopsis.assessed if synopsis.told else 0)
     if not missing:
         return []
-    reasons = sorted(
-        (r for r in summary.refusals.together()
-         if r.what == WHOLE_FRAME or DISTANCE in r.what.split(", ")),
-        key=lambda refusal: -refusal.count,
-    )
+    refused = {WHOLE_FRAME, DISTANCE} if synopsis.told else {WHOLE_FRAME, DISTANCE, OVER_FRAMES}
+    counts: Counter[str] = Counter()
+    for refusal in summary.refusals.together():
+        if refused.intersection(refusal.what.split(", ")):
+            counts[refusal.why] += refusal.count
+    reasons = counts.most_common()
     alone = "frame gives" if missing == 1 else "frames give"
     text = f"{missing} {alone} no visibility distance alone. Reasons, with numbers of frames: "
-    if not synopsis.assessed:
+    if not (synopsis.assessed and synopsis.told):
         text = "Reasons why visibility could not be assessed, with numbers of frames: "
-    text += "; ".join(_reason(refusal) for refusal in reasons[:MOST_REASONS])
+    text += "; ".join(_reason(*each) for each in reasons[:MOST_REASONS])
     more = len(reasons) - MOST_REASONS
     return [text + (f"; and {more} further reasons." if more > 0 else ".")]
 
 
-def _reason(refusal: Refusal) -> str:
+def _reason(reason: str, count: int) -> str:
     """Say why, with what that means."""
-    meant = {str(status): text for status, text in MEANINGS.items()}.get(refusal.why, "")
-    why = printable(refusal.why)
+    meant = {str(status): text for status, text in MEANINGS.items()}.get(reason, "")
+    why = printable(reason)
     if meant:
         # The remedy is in the table.
         why = why.partition(" (")[0]
-    text = f"{why} ({refusal.count})"
+    text = f"{why} ({count})"
     return f"{text}, that is: {_lower(meant).rstrip('.')}" if meant else text
 
 

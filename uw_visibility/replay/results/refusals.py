@@ -16,6 +16,7 @@ from uw_visibility.status import Status
 
 WHOLE_FRAME = "the whole frame"
 DISTANCE, OTHER_CHANNELS = "visibility distance", "visibility distance of all channels"
+OVER_FRAMES = "visibility distance over frames"
 PLAUSIBILITY = "plausibility of the depth sensor"
 # Status column of each quantity.
 STATUS_COLUMNS = {"water": "status", DISTANCE: "visibility_status",
@@ -118,6 +119,10 @@ def _refused(joined: JoinedFrame) -> Iterator[tuple[str, str]]:
     ):
         if status is not Status.OK:
             yield what, str(status)
+    filtered = joined.filtered
+    if filtered is not None and math.isfinite(visibility.distance) and not math.isfinite(
+            filtered.visibility.distance):
+        yield OVER_FRAMES, str(filtered.visibility.status)
     if joined.verdict is not None and joined.verdict not in JUDGED:
         # Frames with the same reason differ in its numbers.
         reason = re.sub(r"\d+(\.\d+)?", "…", joined.verdict_reason)

@@ -138,6 +138,7 @@ class Findings:
         self._frames, self._stamps = array("q"), array("q")
         # Rows of `_values`, of a frame by itself and filtered.
         self._told = array("d"), array("d")
+        self._filtered = False
         self._channels: Counter[str] = Counter()
         self._ranges = (math.inf, -math.inf)
         self._rejected: list[float] = []
@@ -146,6 +147,8 @@ class Findings:
     def count(self, joined: JoinedFrame) -> None:
         """Take the next frame."""
         record, filtered = joined.record, joined.filtered
+        # What frames together refute is not told, even of those that show a distance alone.
+        self._filtered |= filtered is not None
         self._frames.append(record.frame)
         self._stamps.append(record.stamp)
         if record.estimate is not None:
@@ -169,8 +172,7 @@ class Findings:
         """Return what the frames so far say."""
         own, filtered = (
             np.array(table).reshape(-1, 1 + 3 * len(TOLD)) for table in self._told)
-        of_filter = bool(np.isfinite(filtered[:, DISTANCE]).any())
-        table = filtered if of_filter else own
+        table = filtered if self._filtered else own
         stddev, distance = table[:, 0], table[:, DISTANCE]
         known = np.isfinite(distance) & np.isfinite(stddev)
         series = own[np.isfinite(own[:, DISTANCE]), DISTANCE]
@@ -178,7 +180,7 @@ class Findings:
             "frames": len(self._frames),
             "start": min(self._stamps, default=0), "end": max(self._stamps, default=0),
             "assessed": len(series), "told": int(known.sum()),
-            "filtered": of_filter, "contrast": self._contrast,
+            "filtered": self._filtered, "contrast": self._contrast,
             "ranges": list(self._ranges) if self._ranges[0] <= self._ranges[1] else [],
             "channels": dict(self._channels), "rejected_distances": list(self._rejected),
             "baselines": list(self._baselines),

@@ -32,7 +32,12 @@ from uw_visibility.water.blocks import (
     without_ranges,
 )
 from uw_visibility.water.daylight.grey_average import ColourBalance, colour_balance
-from uw_visibility.water.daylight.inference import ATTENUATION_AND_VEIL, Posterior, infer
+from uw_visibility.water.daylight.inference import (
+    ATTENUATION_AND_VEIL,
+    Posterior,
+    infer,
+    light_status,
+)
 from uw_visibility.water.daylight.network import Network, trained
 from uw_visibility.water.daylight.one_light import Daylight, fit_one_light
 from uw_visibility.water.daylight.statistics import Appearance, appearance_of, summarise
@@ -157,8 +162,11 @@ class WaterEstimator:
             return WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS, envelope)
         networks = self._networks
         posterior = infer(networks, statistics)
-        if posterior.light_status is not Status.OK:
-            return WaterEstimate.not_assessable(posterior.light_status, envelope)
+        lamps_log_odds = float(logit(posterior.lamps))
+        reason = light_status(posterior.lamps)
+        if reason is not Status.OK:
+            return replace(
+                WaterEstimate.not_assessable(reason, envelope), lamps_log_odds=lamps_log_odds)
         status = [refuse_channel(envelope, channel) for channel in range(3)]
         active = np.array([each is Status.OK for each in status])
         if not active.any():
@@ -178,7 +186,9 @@ class WaterEstimator:
                 estimate, light=light, light_stddev=light * np.sqrt(np.diag(light_covariance)),
                 light_covariance=light_covariance,
                 clearest=_wider(posterior.clearest(known, ONE_SIGMA)) if known.any() else None)
-        return replace(estimate, transfer_log_odds=float(logit(posterior.other_curve)))
+        return replace(
+            estimate, transfer_log_odds=float(logit(posterior.other_curve)),
+            lamps_log_odds=lamps_log_odds)
 
     @property
     def _networks(self) -> Network:
@@ -224,7 +234,7 @@ class WaterEstimator:
             return None
         statistics = summarise(blocks, range_error, np.full(3, self._clear_water.min()))
         posterior = None if statistics is None else infer(self._networks, statistics)
-        if posterior is None or posterior.light_status is not Status.OK:
+        if posterior is None or light_status(posterior.lamps) is not Status.OK:
             return None
         parameters, covariance = self._one_light(
             posterior, blocks, range_error, np.ones(3, np.bool_), None)

@@ -65,22 +65,22 @@ class Posterior:
     unlike: float = 0.0
     misfit: float = 0.0
 
-    @property
-    def light_status(self) -> Status:
-        """OK for daylight; else why a view is refused: lamps that nobody told of, or perhaps so.
-
-        Water that is estimated by daylight from a view by lamps is wrong many times over.
-        """
-        if self.lamps > 0.5:
-            return Status.LIT_BY_LAMPS
-        return Status.LIGHT_UNCERTAIN if self.lamps > MOST_LAMPS else Status.OK
-
     def clearest(self, seen: Mask, quantiles: Array) -> Array:
         """Quantiles of −ln min β over the channels seen; β in 1/m."""
         values = -self.draws[:, seen, 0].min(axis=1)
         order = np.argsort(values)
         reached = np.cumsum(self.weight[order]) - 0.5 * self.weight[order]
         return np.interp(quantiles, reached, values[order])
+
+
+def light_status(lamps: float) -> Status:
+    """OK for daylight, else why a view is refused, by the probability of undeclared lamps.
+
+    Water that is estimated by daylight from a view by lamps is wrong many times over.
+    """
+    if lamps > 0.5:
+        return Status.LIT_BY_LAMPS
+    return Status.LIGHT_UNCERTAIN if lamps > MOST_LAMPS else Status.OK
 
 
 def infer(network: Network, statistics: Statistics) -> Posterior:

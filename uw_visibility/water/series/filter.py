@@ -12,12 +12,14 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import expit
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.arrays import Array
 from uw_visibility.status import REFUTING, Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.grey_average import ColourBalance, GreyFrames
+from uw_visibility.water.daylight.inference import light_status
 from uw_visibility.water.daylight.validation import refute_clearness
 from uw_visibility.water.estimate import LampLight, WaterEstimate, joint_covariance
 from uw_visibility.water.lamps.estimation import NodeEstimator
@@ -28,7 +30,7 @@ from uw_visibility.water.series.tracking import TrackingEvent, WaterTracker
 
 # A frame that the state is not taken from.
 _UNSEEN = (TrackingEvent.PREDICTED, TrackingEvent.NOT_ASSESSABLE)
-# How much likelier, as a logarithm, another transfer is before a frame counts as certain.
+# Log odds beyond which a frame counts as certain.
 CERTAIN = 3.4
 # Frames of a recording show one scene, so that they are no more than so many independent ones;
 # what they say on average, the latest count, of at least so many, for the transfer to be told.
@@ -113,7 +115,7 @@ class WaterFilter:
         self._tracker = WaterTracker(config.tracking)
         self._survey = _make_survey(config, self._assessor)
         self._grey = GreyFrames()
-        self._transfer = TransferVote()
+        self._transfer, self._lit = Vote(), Vote()
         self._rig: object = None
         self._known: KnownWater | None = None
 
@@ -149,13 +151,11 @@ class WaterFilter:
         filtered = self._tracker.update(water, stamp)
         grey = self._grey.add(ColourBalance(water.grey_on_average, water.blue_as_green))
         self._transfer.add(water.transfer_log_odds)
+        self._lit.add(water.lamps_log_odds)
         event = self._tracker.event
         assert event is not None
         survey = self._surveyed(water, filtered, stamp, event)
-        # Together frames may be certain of what none of them is alone.
-        together = Status.OTHER_TRANSFER if self._transfer.certain else refute_clearness(
-            filtered.attenuation, joint_covariance(filtered)[0::2, 0::2],
-            self._assessor.clear_water_attenuation)
+        together = self._refuted(filtered)
         refuted = water.status if together is Status.OK else together
         # What shows nothing is bridged; what contradicts a frame does so to those before it too.
         if together is not Status.OK or (event in _UNSEEN and refuted in REFUTING):
@@ -208,12 +208,22 @@ class WaterFilter:
         surer = _relative(survey.water) < np.nan_to_num(_relative(filtered), nan=np.inf)
         return survey if not by_lamps or surer[known].all() else None
 
+    def _refuted(self, filtered: WaterEstimate) -> Status:
+        """Why no water is told: together frames may be certain of what none of them is alone."""
+        if self._transfer.frames >= INDEPENDENT and self._transfer.mean > CERTAIN_TOGETHER:
+            return Status.OTHER_TRANSFER
+        # A frame that passes for daylight among others by lamps is none.
+        light = light_status(float(expit(self._lit.mean))) if self._lit.frames else Status.OK
+        return light if light is not Status.OK else refute_clearness(
+            filtered.attenuation, joint_covariance(filtered)[0::2, 0::2],
+            self._assessor.clear_water_attenuation)
+
     def reset(self) -> None:
         """Reset the filter: earlier frames do not count."""
         self._tracker.reset()
         self._known = None
         self._grey.reset()
-        self._transfer = TransferVote()
+        self._transfer, self._lit = Vote(), Vote()
         self._survey.reset()
 
 
@@ -222,24 +232,19 @@ def _relative(water: WaterEstimate) -> Array:
     return water.attenuation_stddev / water.attenuation
 
 
-class TransferVote:
-    """Vote of a recording's frames on the camera's transfer, which all of them share."""
+class Vote:
+    """Mean log odds of what all frames of a recording share, such as the camera's transfer."""
 
     def __init__(self) -> None:
-        self._mean = 0.0
-        self._frames = 0
+        self.mean = 0.0
+        self.frames = 0
 
     def add(self, log_odds: float) -> None:
-        """Take in a frame's log odds of the other transfer, NaN if none; limited to `CERTAIN`."""
+        """Take in a frame's log odds, NaN if none; limited to `CERTAIN`."""
         if math.isnan(log_odds):
             return
-        self._frames = min(self._frames + 1, LATEST)
-        self._mean += (min(max(log_odds, -CERTAIN), CERTAIN) - self._mean) / self._frames
-
-    @property
-    def certain(self) -> bool:
-        """Whether the transfer is certainly the other one."""
-        return self._frames >= INDEPENDENT and self._mean > CERTAIN_TOGETHER
+        self.frames = min(self.frames + 1, LATEST)
+        self.mean += (min(max(log_odds, -CERTAIN), CERTAIN) - self.mean) / self.frames
 
 
 def _make_survey(config: PipelineConfig, assessor: Assessor) -> Survey | LampSurvey:
