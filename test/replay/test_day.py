@@ -178,13 +178,13 @@ def test_going_on_makes_the_same_again(day: Path, command: list[str]) -> None:
 
 
 def test_nothing_that_is_of_no_day_is_replaced(
-    bags: list[Path], replayed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    bags: list[Path], day: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "index.html").write_text("mine")
     several = ["replay", str(bags[0]), str(bags[3]), "-o"]
     assert main([*several, str(tmp_path)]) == 2
     assert f"{tmp_path / 'index.html'} exists already" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
-    assert main([*several, str(replayed)]) == 2
+    assert main([*several, str(day / "leg 1")]) == 2
     assert "is the result of one recording" in capsys.readouterr().err
-    assert not (replayed / DAY_MARK).exists()
+    assert not (day / "leg 1" / DAY_MARK).exists()
