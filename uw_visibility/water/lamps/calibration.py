@@ -21,7 +21,7 @@ from uw_visibility.compute.robust import charbonnier_weight, median_deviation
 from uw_visibility.config.lighting import ISOTROPIC, Lamp
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
-from uw_visibility.optics.lamps import across, incidence, phase_function, shine, vector
+from uw_visibility.optics.lamps import across, vector
 from uw_visibility.water.lamps import track_fit
 from uw_visibility.water.lamps.tracks import Sightings
 
@@ -101,20 +101,17 @@ class _Model:
         self.beamed = any(lamp.beam_angle < ISOTROPIC for lamp in lamps)
         sizes = (3 * count, 2 * count, int(self.beamed), count - 1, 1, 3, 3)
         ends = np.cumsum(sizes)
-        (self.places, self.tilts, self.beam, self.ratios, self.exponent, self.beta,
-         self.scattering) = (slice(b - a, b) for a, b in zip(sizes, ends, strict=True))
+        self.places, self.tilts, self.beam, self.ratios, _, self.beta, self.scattering = (
+            slice(b - a, b) for a, b in zip(sizes, ends, strict=True))
+        # What tracks are fitted by under known lamps.
+        self.water = slice(-len(track_fit.START), None)
         self.mean, self.stddev = np.zeros(ends[-1]), np.full(ends[-1], np.inf)
         for part, mean, stddev in (
             (self.places, np.ravel([lamp.position for lamp in lamps]), PLACE),
             (self.tilts, 0.0, AXIS), (self.beam, 0.0, BEAM), (self.ratios, 0.0, RATIO),
-            (slice(-len(track_fit.START), None), track_fit.START, track_fit.DEVIATION),
+            (self.water, track_fit.START, track_fit.DEVIATION),
         ):
             self.mean[part], self.stddev[part] = mean, stddev
-        nodes, weights = np.polynomial.legendre.leggauss(track_fit.STEPS)
-        distance = cells.range[:, np.newaxis]
-        self.steps = np.concatenate([0.5 * (nodes + 1) * distance, distance], axis=1)
-        self.weights = 0.5 * weights * distance
-        self.points = cells.direction[:, np.newaxis] * self.steps[..., np.newaxis]
 
     def found(self, p: Array) -> tuple[Lamp, ...]:
         """The lamps of parameters."""
@@ -133,22 +130,6 @@ class _Model:
                 vector(factor * np.array(lamp.colour))))
         return tuple(out)
 
-    def light(self, p: Array) -> tuple[Array, Array]:
-        """D and S of the sightings, each (N, 3)."""
-        beta = np.exp(p[self.beta])
-        direct, scattered = np.zeros((2, len(self.steps), 3))
-        for lamp in self.found(p):
-            r, lit, forward = shine(self.points, self.cells.direction, lamp)
-            back = lit[:, :-1] * phase_function(forward[:, :-1]) * self.weights
-            cosine = incidence(self.points[:, -1], self.cells.normal, lamp, r[:, -1])
-            facing = lit[:, -1] * cosine ** p[self.exponent]
-            path = r + self.steps
-            for c in range(3):
-                left = np.exp(-beta[c] * path)
-                direct[:, c] += lamp.colour[c] * facing * left[:, -1]
-                scattered[:, c] += lamp.colour[c] * (back * left[:, :-1]).sum(axis=1)
-        return direct + 1e-12, scattered
-
     def residuals(self, p: Array) -> Array:
         """ln (E − s S) − ln D less its mean over each track, (N, 3)."""
         direct, own = self.parted(p)
@@ -157,7 +138,9 @@ class _Model:
 
     def parted(self, p: Array) -> tuple[Array, Array]:
         """D, and E − s S, which is limited from below, each (N, 3)."""
-        direct, scattered = self.light(p)
+        by_lamps = track_fit.Light(self.cells, self.found(p))
+        direct, *_ = by_lamps.direct(p[self.water])
+        scattered, _ = by_lamps.scattered(p[self.water])
         light = self.cells.light
         s = track_fit.scattering_factor(light, direct, p[self.beta], p[self.scattering])
         return direct, np.maximum(light - s * scattered, track_fit.OWN_PART * light)

@@ -78,7 +78,7 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
     if len(cells.range) < FEWEST_SIGHTINGS:
         return None
     lamps = list(lighting.lamps())
-    light = _Light(cells, lamps)
+    light = Light(cells, lamps)
     p = START
     scatter = SCATTER
     for _ in range(ITERATIONS):
@@ -103,7 +103,7 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
     np.add.at(summed, group, score)
     covariance = bread @ (summed.T @ summed + np.diag(_PRIOR)) @ bread
     for moved in displaced(lamps, lighting.position_stddev, lighting.direction_stddev):
-        ratio = _Light(cells, moved, steps=1).direct(p)[0] / light.direct(p)[0]
+        ratio = Light(cells, moved, steps=1).direct(p)[0] / light.direct(p)[0]
         change = less_means(np.log(ratio), cells.track, clear)
         shift = bread @ np.einsum("nci,nc,nc->i", jacobian, weight, change, optimize=True)
         covariance += np.outer(shift, shift)
@@ -120,7 +120,7 @@ DEVIATION = np.array([EXPONENT_DEVIATION, *[ATTENUATION] * 3, *[SCATTERING] * 3]
 _PRIOR = 1.0 / DEVIATION**2
 
 
-class _Light:
+class Light:
     """Light of known lamps at sightings, over attenuation and the exponent of incidence."""
 
     def __init__(self, cells: Sightings, lamps: Sequence[Lamp], steps: int = STEPS) -> None:
@@ -157,7 +157,7 @@ class _Light:
         total += 1e-12
         return total, path / total, cosine / total
 
-    def _scattered(self, p: Array) -> tuple[Array, Array]:
+    def scattered(self, p: Array) -> tuple[Array, Array]:
         """S and its mean path, each (N, 3)."""
         total, path = np.zeros((2, len(self._cells.range), 3))
         for colour, back, way in self._water:
@@ -174,7 +174,7 @@ class _Light:
         """
         light, beta = self._cells.light, np.exp(p[_BETA])
         direct, path, cosine = self.direct(p)
-        scattered, path_scattered = self._scattered(p)
+        scattered, path_scattered = self.scattered(p)
         added = scattering_factor(light, direct, p[_BETA], p[_SCATTERING]) * scattered
         clear = light - added > CLEAR_PART * light
         own = np.where(clear, light - added, light)
