@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import lamp_scene
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ import pytest
 from uw_visibility import Pipeline, PipelineConfig
 from uw_visibility.compute.jit import counts
 from uw_visibility.status import Status
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.series.filter import WaterFilter
 from uw_visibility_lab.simulation.camera import Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import RenderedFrame, Renderer
@@ -85,6 +88,56 @@ def test_by_daylights_model_a_night_says_what_to_set(night: RenderedFrame) -> No
     result = Pipeline(CAMERA.rig).process(night.left, night.right)
     assert result.status is Status.LIT_BY_LAMPS
     np.testing.assert_array_equal(result.left_enhanced, night.left)
+
+
+def auto() -> PipelineConfig:
+    """Lamps on board, which light the scene or not."""
+    told = lighting_parameters(LAMPS, daylight=False)
+    return PipelineConfig.from_parameters(told | {"lighting.model": "auto"})
+
+
+def test_where_lamps_are_known_a_frame_tells_whether_they_light_it(
+    night: RenderedFrame, pipeline: Pipeline
+) -> None:
+    either = Pipeline(CAMERA.rig, auto())
+    by_night = either.process(night.left, night.right)
+    told = pipeline.process(night.left, night.right)
+    assert by_night.water.lamps_log_odds > 2.2
+    np.testing.assert_array_equal(by_night.water.attenuation, told.water.attenuation)
+    np.testing.assert_array_equal(by_night.left_enhanced, told.left_enhanced)
+    assert by_night.visibility.depth_status is Status.NO_DEPTH_BY_LAMPS
+    pose = Pose((0.0, 0.0, 1.5), tilt=np.radians(25.0))
+    day = Renderer(CAMERA).render(reef(3, length=0.0), pose, Water(0.15, 3.0), seed=3)
+    by_day, plain = (
+        each.process(day.left, day.right) for each in (either, Pipeline(CAMERA.rig)))
+    assert by_day.water.lamps_log_odds < -2.2
+    np.testing.assert_array_equal(by_day.water.attenuation, plain.water.attenuation)
+    np.testing.assert_array_equal(by_day.left_enhanced, plain.left_enhanced)
+    assert by_day.visibility.depth == plain.visibility.depth
+
+
+def test_frames_together_tell_what_lights_a_recording(
+    night: RenderedFrame, pipeline: Pipeline
+) -> None:
+    """Frames in doubt are refused, and the filter begins anew where lamps come on."""
+    lit = replace(pipeline.process(night.left, night.right, enhance=()).water, lamps_log_odds=5.0)
+    doubt = replace(
+        WaterEstimate.not_assessable(Status.LIGHT_UNCERTAIN), lamps=lit.lamps, lamps_log_odds=1.0)
+    day = WaterEstimate(
+        Status.OK, np.array([0.5, 0.3, 0.2]), np.array([0.1, 0.4, 0.6]),
+        np.array([np.diag([0.02**2, 0.01**2])] * 3), 9, 30, (Status.OK,) * 3, lamps_log_odds=-5.0)
+    kept = WaterFilter(auto())
+    found = [
+        kept.update(one, 0.2 * k) for k, one in enumerate([lit, lit, doubt, doubt, *[day] * 24])]
+    states = [one for one in found if one is not None]
+    by_lamps = [one.visibility.depth_status is Status.NO_DEPTH_BY_LAMPS for one in states]
+    assert by_lamps[:4] == [True] * 4 and by_lamps[-1] is False
+    assert all(np.isfinite(one.visibility.distance) for one in (*states[:3], states[-1]))
+    # Between them it is not certain what lights the recording, and nothing is told.
+    between = [one for one in states[4:-1] if not np.isfinite(one.visibility.distance)]
+    assert {one.water.status for one in between} == {Status.LIGHT_UNCERTAIN}
+    # The water by daylight is no mean of both.
+    np.testing.assert_allclose(states[-1].water.attenuation, day.attenuation)
 
 
 def test_warm_up_compiles_all_that_lamps_need(night: RenderedFrame) -> None:

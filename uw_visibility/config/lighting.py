@@ -47,7 +47,7 @@ def beam_falloff(angle: float) -> float:
 
 @dataclass(frozen=True)
 class LightingConfig:
-    """What lights the scene: daylight, the vehicle's lamps, or both.
+    """What lights the scene: daylight, the vehicle's lamps, both, or either.
 
     Raises `InputError` if lamps light the scene and their parameters do not fit one another.
     """
@@ -55,8 +55,8 @@ class LightingConfig:
     model: str = parameter(
         "daylight",
         "What lights the scene: daylight, lamps (the vehicle's own, at night or in the deep), "
-        "or both.",
-        choices=("daylight", "lamps", "both"),
+        "both, or auto: daylight or lamps, as each frame looks.",
+        choices=("daylight", "lamps", "both", "auto"),
     )
     positions: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0),

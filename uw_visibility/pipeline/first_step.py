@@ -20,6 +20,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import DisparityMap, Image, PerChannel, Points
 from uw_visibility.images.pair import exposure_status
 from uw_visibility.images.view import StereoViews, View
+from uw_visibility.optics.lamps import DirectLight
 from uw_visibility.pipeline.result import StageClock
 from uw_visibility.status import Status
 from uw_visibility.stereo.contrast import ContrastNormalizer
@@ -65,6 +66,8 @@ class CoarseEstimate:
     coverage: float  # part of the left image that the mesh covers
     # whether the support points are few, and no more than the images match by chance
     by_chance: bool = False
+    # how the light of lamps falls with range, where they alone light the scene
+    lamps: DirectLight | None = None
 
     def whole_disparity(self) -> DisparityMap:
         """Return `disparity` at the images' size, px."""

@@ -1,13 +1,15 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimator and restored images where lamps light the scene."""
+"""Estimators by daylight and under lamps, and images restored where lamps light the scene."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import expit
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
@@ -16,9 +18,11 @@ from uw_visibility.images.arrays import Image, Mask, PerChannel, RangeMap
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.optics.lamps import DirectLight, LampTables, nodes_of, tabulate
 from uw_visibility.pipeline.result import NOT_LIMITED, NOT_WANTED, EnhancedImages, FilledStereo
+from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.daylight.estimation import WaterEstimator
-from uw_visibility.water.estimate import LampLight
+from uw_visibility.water.daylight.inference import DECLARED, MOST_LAMPS
+from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.lamps.estimation import LampEstimator
 from uw_visibility.water.meaning.assessment import Assessor
 
@@ -26,26 +30,67 @@ from uw_visibility.water.meaning.assessment import Assessor
 USUAL_PARTICLES = 0.1
 
 
-def make_estimator(
-    config: PipelineConfig, assessor: Assessor, rig: StereoRig
-) -> WaterEstimator | LampEstimator:
-    """Make the estimator for what lights the scene (`lighting.model`)."""
-    if config.lighting.model == "daylight":
-        return WaterEstimator(
-            config.water, assessor.clear_water_attenuation, config.camera.transfer,
-            assessor.daylight)
-    return LampEstimator(
-        config.water, config.lighting, assessor.clear_water_attenuation, rig.rays_at)
+class Estimators:
+    """Estimators of the water by daylight and under lamps (`lighting.model`).
 
+    Attributes
+    ----------
+    by_daylight : WaterEstimator or None
+        None where lamps are known to light the scene.
+    by_lamps : LampEstimator or None
+        None where daylight is known to light it.
+    """
 
-def light_by_range(
-    estimator: WaterEstimator | LampEstimator, config: PipelineConfig, assessor: Assessor,
-    shape: tuple[int, int],
-) -> DirectLight | None:
-    """Return how light falls with range where lamps alone light the scene."""
-    if config.lighting.model != "lamps" or not isinstance(estimator, LampEstimator):
-        return None
-    return estimator.tables(shape).by_range(assessor.clear_water_attenuation + USUAL_PARTICLES)
+    def __init__(self, config: PipelineConfig, assessor: Assessor, rig: StereoRig) -> None:
+        self._model = config.lighting.model
+        self._clear_water = assessor.clear_water_attenuation
+        self.by_daylight = self.by_lamps = None
+        if self._model in ("daylight", "auto"):
+            self.by_daylight = WaterEstimator(
+                config.water, self._clear_water, config.camera.transfer, assessor.daylight)
+        if self._model != "daylight":
+            self.by_lamps = LampEstimator(
+                config.water, config.lighting, self._clear_water, rig.rays_at)
+
+    @property
+    def first(self) -> WaterEstimator | LampEstimator:
+        """What estimates first, and by daylight tells how probable lamps are."""
+        found = self.by_daylight or self.by_lamps
+        assert found is not None
+        return found
+
+    def lamps(self, first: WaterEstimate) -> float:
+        """Probability that lamps light a view, by its first estimate."""
+        if self._model != "auto":
+            return float(self.by_lamps is not None)
+        # A view that does not say is estimated by daylight, and refused for what it lacks.
+        return float(np.nan_to_num(expit(first.lamps_log_odds + DECLARED)))
+
+    def light_by_range(self, shape: tuple[int, int]) -> DirectLight | None:
+        """How light falls with range where lamps alone light the scene."""
+        if self.by_lamps is None or self._model == "both":
+            return None
+        return self.by_lamps.tables(shape).by_range(self._clear_water + USUAL_PARTICLES)
+
+    def estimate(
+        self, view: View, range_map: RangeMap, range_error: float, first: WaterEstimate
+    ) -> WaterEstimate:
+        """Estimate by what lights the view, daylight or lamps; refused where neither is sure."""
+        lamps = self.lamps(first)
+        if self.by_daylight is None or lamps >= 1.0 - MOST_LAMPS:
+            assert self.by_lamps is not None
+            water = self.by_lamps.estimate_view(view, range_map, range_error=range_error)
+        elif lamps <= MOST_LAMPS:
+            water = self.by_daylight.estimate_view(view, range_map, range_error=range_error)
+        else:
+            water = WaterEstimate.not_assessable(Status.LIGHT_UNCERTAIN)
+        if self.by_daylight is None or self.by_lamps is None:
+            return water
+        if math.isnan(first.lamps_log_odds) or water.status is Status.LIGHT_UNCERTAIN:
+            # Other frames may tell what lights it: a survey under lamps can use it then.
+            other = self.by_lamps.estimate_view(view, range_map, range_error=range_error)
+            water = replace(water, lamps=other.lamps)
+        return replace(water, lamps_log_odds=first.lamps_log_odds + DECLARED)
 
 
 class LampEnhancement:

@@ -18,7 +18,7 @@ from uw_visibility.images.pair import read_only
 from uw_visibility.images.view import View
 from uw_visibility.images.vignetting import FlatFieldCorrection
 from uw_visibility.pipeline.coincidence import show_one_scene
-from uw_visibility.pipeline.lamps import make_estimator
+from uw_visibility.pipeline.lamps import Estimators
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import StereoResult
 from uw_visibility.status import Status
@@ -122,16 +122,21 @@ def estimate_water(
     if illumination.needed:
         image, _ = illumination.correct(image, image)
     assessor = Assessor.from_config(config)
+    estimators = Estimators(config, assessor, rig)
     range_map = rig.range_from_disparity(disparity.astype(np.float32))
     valid = check_arrays(image, range_map, valid)
     if show_one_scene(image, range_map):
-        water = make_estimator(config, assessor, rig).estimate_view(
-            View.of(image[..., 0] if image.shape[2:] == (1,) else image, camera.transfer, valid),
-            range_map, range_error=rig.range_error(disparity_stddev))
+        view = View.of(image[..., 0] if image.shape[2:] == (1,) else image, camera.transfer, valid)
+        error = rig.range_error(disparity_stddev)
+        water = estimators.first.estimate_view(view, range_map, range_error=error)
+        by_lamps = estimators.lamps(water) > 0.5
+        if config.lighting.model == "auto":
+            water = estimators.estimate(view, range_map, error, water)
     else:
         water = WaterEstimate.not_assessable(Status.RANGES_OF_ANOTHER_SCENE)
+        by_lamps = estimators.by_daylight is None
     return WaterResult(
-        water.status, water, assessor.assess(water),
+        water.status, water, assessor.assess(water, by_lamps),
         DerivedModel.from_config(config).derive(water), assessor.clear_water_attenuation,
         range_map)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from uw_visibility.images.vignetting import FlatFieldCorrection
 from uw_visibility.optics.light_model import scene_light_of
 from uw_visibility.pipeline.enhancement import ImageEnhancement
 from uw_visibility.pipeline.first_step import CoarseEstimate, FirstStep
-from uw_visibility.pipeline.lamps import LampEnhancement, light_by_range, make_estimator
+from uw_visibility.pipeline.lamps import Estimators, LampEnhancement
 from uw_visibility.pipeline.result import FilledStereo, FrameResult, StageClock, StereoResult
 from uw_visibility.pipeline.second_step import ImprovedDisparity, SecondStep
 from uw_visibility.pipeline.warm_up import warm_up_pair, warm_up_scene
@@ -34,7 +35,6 @@ from uw_visibility.status import REFUTING, Status
 from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS
 from uw_visibility.stereo.matchers import check_matcher, disparity_limits
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.validation import compare_steps
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor, Visibility
@@ -73,12 +73,12 @@ class Pipeline:
         self._workers = workers or Workers(self.config.threads)
         check_matcher(self.config.stereo, self._workers.threads)
         self._assessor = Assessor.from_config(self.config)
-        self._estimator = make_estimator(self.config, self._assessor, rig)
+        self._estimators = Estimators(self.config, self._assessor, rig)
         centres = rig.principal_point, rig.principal_point_right or rig.principal_point
         self._flat_field = FlatFieldCorrection(self.config.camera, centres, self._workers)
         self._enhancement = ImageEnhancement(self.config, rig.range_error(), self._workers)
         self._by_lamps = (
-            None if self.config.lighting.model == "daylight"
+            None if self._estimators.by_lamps is None
             else LampEnhancement(rig, self.config, self._workers))
         self._steps: tuple[FirstStep, SecondStep] | None = None
         self._shape: tuple[int, int] | None = None
@@ -139,13 +139,18 @@ class Pipeline:
             views = self._prepare(left, right, valid, colour, clock)
             first_step, second_step = self._steps_for(views.left.shape)
             coarse = first_step.run(views, clock)
+            by_lamps = self._estimators.lamps(coarse.water) > 0.5
+            if by_lamps:
+                coarse = replace(
+                    coarse, lamps=self._estimators.light_by_range(views.left.shape))
             improved = second_step.run(
                 views, coarse, clock, match_original=match_original, confidence=confidence)
             filled, (water, visibility, shown) = self._workers.together(
                 lambda: self._fill(second_step, improved, enhance, clock),
-                lambda: self._assess(coarse, improved, clock))
+                lambda: self._assess(coarse, improved, by_lamps, clock))
             with clock("image enhancement 2"):
-                if self._by_lamps:
+                if by_lamps:
+                    assert self._by_lamps is not None
                     images = self._by_lamps.run(
                         views, filled, known_light or water.lamps, coarse.right_gain, enhance)
                 else:
@@ -197,12 +202,14 @@ class Pipeline:
         # Of a small image too little is seen to reach all that an estimate may need.
         image, ranges = warm_up_scene(np.dstack((left,) * 3) if grey else left)
         if grey:
-            if isinstance(self._estimator, WaterEstimator):
+            if self._estimators.by_daylight is not None:
                 plain = View.of(np.ascontiguousarray(image[..., 0]), self.config.camera.transfer)
-                self._estimator.estimate_grey_view(plain, ranges, range_error=1e-3)
+                self._estimators.by_daylight.estimate_grey_view(plain, ranges, range_error=1e-3)
         else:
             view = View.of(check_pair(image, right)[0], self.config.camera.transfer)
-            self._estimator.estimate_view(view, ranges, range_error=1e-3)
+            for estimator in (self._estimators.by_daylight, self._estimators.by_lamps):
+                if estimator is not None:
+                    estimator.estimate_view(view, ranges, range_error=1e-3)
             if self._by_lamps is not None:
                 self._by_lamps.warm_up(view.pixels)
         if compressed:
@@ -238,10 +245,8 @@ class Pipeline:
     def _steps_for(self, shape: tuple[int, int]) -> tuple[FirstStep, SecondStep]:
         if self._steps is None or self._shape != shape:
             self._steps = (
-                FirstStep(shape, self.rig, self.config, self._estimator, self._workers),
-                SecondStep(
-                    shape, self.rig, self.config, self._workers,
-                    light_by_range(self._estimator, self.config, self._assessor, shape)))
+                FirstStep(shape, self.rig, self.config, self._estimators.first, self._workers),
+                SecondStep(shape, self.rig, self.config, self._workers))
             self._shape = shape
         return self._steps
 
@@ -259,7 +264,8 @@ class Pipeline:
                 self.rig, improved.disparity, filled, "right" in sides, self._workers)
 
     def _assess(
-        self, coarse: CoarseEstimate, improved: ImprovedDisparity, clock: StageClock
+        self, coarse: CoarseEstimate, improved: ImprovedDisparity, by_lamps: bool,
+        clock: StageClock,
     ) -> tuple[WaterEstimate, Visibility, RestorationWater | None]:
         """Estimate the water again, from the original pixels and the improved range; assess it.
 
@@ -269,18 +275,18 @@ class Pipeline:
             # Water tells as much of what the right view does not show.
             ranges = self.rig.range_from_disparity(improved.with_occlusions)
             water = self._estimate(coarse, improved, ranges)
-            shown = None if self._by_lamps else self._shown_water(water, coarse, improved, ranges)
+            shown = None if by_lamps else self._shown_water(water, coarse, improved, ranges)
         with clock("assessment"):
-            return water, self._assessor.assess(water), shown
+            return water, self._assessor.assess(water, by_lamps), shown
 
     def _estimate(
         self, coarse: CoarseEstimate, improved: ImprovedDisparity, ranges: RangeMap
     ) -> WaterEstimate:
         if coarse.by_chance or improved.support_points < FEWEST_SUPPORT_POINTS:
             return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
-        water = self._estimator.estimate_view(
-            coarse.view, ranges, range_error=self.rig.range_error(improved.stddev))
-        return compare_steps(coarse.water, water)
+        water = self._estimators.estimate(
+            coarse.view, ranges, self.rig.range_error(improved.stddev), coarse.water)
+        return water if water.lamps is not None else compare_steps(coarse.water, water)
 
     def _shown_water(
         self, water: WaterEstimate, coarse: CoarseEstimate, improved: ImprovedDisparity,
@@ -304,8 +310,8 @@ class Pipeline:
                 np.where(missing, first.ambient_light, water.ambient_light),
                 np.where(missing, scene_light_of(first), scene_light_of(water)),
                 np.where(missing, first.ambient_light_stddev, water.ambient_light_stddev))
-        assert isinstance(self._estimator, WaterEstimator)
-        found = self._estimator.estimate_grey_view(
+        assert self._estimators.by_daylight is not None
+        found = self._estimators.by_daylight.estimate_grey_view(
             coarse.view, measured, range_error=self.rig.range_error(improved.stddev))
         attenuation, ambient_light = found or (np.nan, np.nan)
         light = np.array([ambient_light])

@@ -16,7 +16,6 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.arrays import DisparityMap, PerChannel, Points
 from uw_visibility.images.network import ONNX
 from uw_visibility.images.view import StereoViews, View, code_value
-from uw_visibility.optics.lamps import DirectLight
 from uw_visibility.pipeline.first_step import CoarseEstimate, Scale, reduction_factor
 from uw_visibility.pipeline.result import StageClock
 from uw_visibility.stereo.codec_noise import with_codec_noise
@@ -69,19 +68,16 @@ class SecondStep:
     Those of a coarser scale, which noise may ask for, are allocated when it first does.
 
     shape: height and width of the images, px.
-    lamps: how the light of lamps falls with range, where they alone light the scene.
     Raises `InputError` if the limits of the disparity leave nothing to search.
     """
 
     def __init__(
         self, shape: tuple[int, int], rig: StereoRig, config: PipelineConfig, workers: Workers,
-        lamps: DirectLight | None = None,
     ) -> None:
         self._shape = shape
         self._rig = rig
         self._config = config
         self._workers = workers
-        self._lamps = lamps
         self._scales: dict[int, Scale] = {}
         self._finest = self._scale(Pyramid(config.stereo.reduction, shape).factor)
         # Noise may ask for one as coarse as step 1 has.
@@ -112,7 +108,7 @@ class SecondStep:
         rated = confidence or scale is not self._finest
         match, support = self._match(scale, views, coarse, clock, rated)
         found = self._upsample(scale, match, original, support, clock)
-        if self._lamps is not None:
+        if coarse.lamps is not None:
             found = self._with_darker(found, scale, views, coarse, clock)
         return found if confidence else replace(found, confidence=None)
 
@@ -147,7 +143,7 @@ class SecondStep:
         if len(self._sides) == 1 or np.max(noise) <= ROUNDING * code_value(left.pixels):
             return self._finest
         water, weights = coarse.water, np.array(LUMA)
-        if self._lamps is None and _is_known(water):
+        if coarse.lamps is None and _is_known(water):
             ranges = coarse.rig.range_from_disparity(coarse.disparity)
             weights = least_noise_weights(ranges, water.attenuation, water.ambient_light)
         return self._scale(matching_scale(left.pixels, noise, weights, self._sides))
@@ -215,7 +211,7 @@ class SecondStep:
         Under lamps the known light is divided out, whatever the water is. By daylight channels that
         are too dark are left out; those refused for another reason still show the scene.
         """
-        water, lamps = coarse.water, self._lamps
+        water, lamps = coarse.water, coarse.lamps
         left, right = views
         if left.colour is None or (lamps is None and not _is_known(water)):
             scale.matcher.describe_raw(scale.contrast, left, right)

@@ -42,7 +42,8 @@ MEANINGS = {
     Status.LIT_BY_LAMPS: "Near objects are brighter than far ones, as under lamps, but no lamps "
     "are configured. By day a white board held before dark ground can look the same.",
     Status.LIGHT_UNCERTAIN: "Lamps that nobody told of light the scene with a probability between "
-    "10 and 50 %; water by daylight would be wrong then.",
+    "10 and 50 %; water by daylight would be wrong then. With lighting.model auto: between 10 and "
+    "90 %.",
     Status.LEFT_TO_STEP_2: "Under lamps only step 2, with dense ranges, estimates the water.",
     Status.NO_DEPTH_BY_LAMPS: "Depth is estimated from the colour of daylight, and lamps light the "
     "scene.",
@@ -86,7 +87,7 @@ REMEDIES = {
     "lighting.positions to where they are. Without lamps, keep bright objects out of the "
     "foreground.",
     Status.LIGHT_UNCERTAIN: "By day let some open water be in view; with lamps on set "
-    "lighting.model and their places.",
+    "lighting.model to lamps or both, and their places.",
     Status.LEFT_TO_STEP_2: "Nothing: look at the result of the second step.",
     Status.NO_DEPTH_BY_LAMPS: "Take the depth sensor's; by day turn lamps off.",
 }

@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from scipy.special import logit
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array, Mask
@@ -26,6 +27,9 @@ from uw_visibility.water.daylight.statistics import (
 DRAWS = 128
 # Largest probability of lamps at which a view is taken for one by daylight.
 MOST_LAMPS = 0.1
+# Log odds that are added where lamps are known to be on board: they are as probable as daylight
+# then, and in training are 3 % (belief `lamps.share` of the laboratory).
+DECLARED = -float(logit(0.03))
 # Quantiles of irradiance that no surface is darker, or brighter, than; by place in QUANTILES.
 DARKEST, LIGHTEST = 1, len(QUANTILES) - 1
 # Places of ln β and ln B of each channel among the nine unknowns.

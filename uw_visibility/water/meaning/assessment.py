@@ -80,8 +80,6 @@ class Assessor:
         Gives κ (eq. 10).
     white_reference : (3,) array_like
         The camera's R, G, B of white at the surface; the scale is free.
-    by_daylight : bool
-        Whether daylight alone lights the scene, so that its colour tells the depth.
 
     Attributes
     ----------
@@ -93,9 +91,8 @@ class Assessor:
 
     def __init__(
         self, config: AssessmentConfig, response: CameraResponse,
-        white_reference: ArrayLike = (1.0, 1.0, 1.0), by_daylight: bool = True,
+        white_reference: ArrayLike = (1.0, 1.0, 1.0),
     ) -> None:
-        self._by_daylight = by_daylight
         # Where it is another, the balance was measured, and images may well be grey with it.
         self._white_is_daylight = np.ptp(np.asarray(white_reference, np.float64)) == 0.0
         self._config = config
@@ -114,11 +111,12 @@ class Assessor:
         """
         camera = config.camera
         return cls(
-            config.assessment, load_response(camera.response), camera.white_reference,
-            config.lighting.model == "daylight")
+            config.assessment, load_response(camera.response), camera.white_reference)
 
-    def assess(self, estimate: WaterEstimate) -> Visibility:
+    def assess(self, estimate: WaterEstimate, by_lamps: bool = False) -> Visibility:
         """Assess visibility and depth, with standard deviations by propagation.
+
+        Where lamps light the scene, its colour tells no depth.
 
         A channel that is too dark to be assessed does not count: mean attenuation is that of the
         others, depth needs two of them, and the distance is that of the best one.
@@ -138,7 +136,7 @@ class Assessor:
                 if status is Status.OK:
                     status = Status.ATTENUATION_UNCERTAIN
         depth = (math.nan, math.nan, math.nan)
-        if not self._by_daylight:
+        if by_lamps:
             depth_status = Status.NO_DEPTH_BY_LAMPS
         elif estimate.status is Status.OK and seen.sum() < 2:
             depth_status = Status.NO_COLOUR

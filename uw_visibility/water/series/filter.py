@@ -113,7 +113,8 @@ class WaterFilter:
         self.config = config
         self._assessor = Assessor.from_config(config)
         self._tracker = WaterTracker(config.tracking)
-        self._survey = _make_survey(config, self._assessor)
+        self._by_lamps = config.lighting.model in ("lamps", "both")
+        self._survey = self._make_survey()
         self._grey = GreyFrames()
         self._transfer, self._lit = Vote(), Vote()
         self._rig: object = None
@@ -148,10 +149,12 @@ class WaterFilter:
         if rig != self._rig:
             self.reset()
             self._rig = rig
+        self._lit.add(water.lamps_log_odds)
+        if self.config.lighting.model == "auto":
+            water = self._in_this_light(water)
+        self._transfer.add(water.transfer_log_odds)
         filtered = self._tracker.update(water, stamp)
         grey = self._grey.add(ColourBalance(water.grey_on_average, water.blue_as_green))
-        self._transfer.add(water.transfer_log_odds)
-        self._lit.add(water.lamps_log_odds)
         event = self._tracker.event
         assert event is not None
         survey = self._surveyed(water, filtered, stamp, event)
@@ -164,7 +167,7 @@ class WaterFilter:
         elif survey is not None:
             filtered, event = survey.water, TrackingEvent.SURVEYED
         filtered = replace(filtered, grey_on_average=grey)
-        visibility = self._assessor.assess(filtered)
+        visibility = self._assessor.assess(filtered, self._by_lamps)
         if event is TrackingEvent.PREDICTED and visibility.status is not Status.OK:
             # What is no longer known is so for the reason that frames do not show it.
             visibility = replace(visibility, status=water.status)
@@ -197,8 +200,7 @@ class WaterFilter:
         if not self.config.survey.enabled:
             return None
         self._survey.add(water, stamp)
-        by_lamps = isinstance(self._survey, LampSurvey)
-        if not by_lamps and event is not TrackingEvent.NOT_ASSESSABLE:
+        if not self._by_lamps and event is not TrackingEvent.NOT_ASSESSABLE:
             return None
         survey = self._survey.estimate()
         known = np.isfinite(survey.water.attenuation)
@@ -206,17 +208,32 @@ class WaterFilter:
             return None
         # In relation to β: errors grow with it, so that what is too clear looks sure.
         surer = _relative(survey.water) < np.nan_to_num(_relative(filtered), nan=np.inf)
-        return survey if not by_lamps or surer[known].all() else None
+        return survey if not self._by_lamps or surer[known].all() else None
 
     def _refuted(self, filtered: WaterEstimate) -> Status:
         """Why no water is told: together frames may be certain of what none of them is alone."""
         if self._transfer.frames >= INDEPENDENT and self._transfer.mean > CERTAIN_TOGETHER:
             return Status.OTHER_TRANSFER
         # A frame that passes for daylight among others by lamps is none.
-        light = light_status(float(expit(self._lit.mean))) if self._lit.frames else Status.OK
+        lamps = float(expit(self._lit.mean))
+        light = light_status(1.0 - lamps if self._by_lamps else lamps)
+        if not self._lit.frames:
+            light = Status.OK
         return light if light is not Status.OK else refute_clearness(
             filtered.attenuation, joint_covariance(filtered)[0::2, 0::2],
             self._assessor.clear_water_attenuation)
+
+    def _in_this_light(self, water: WaterEstimate) -> WaterEstimate:
+        """A frame by what lights the recording, which begins anew where that changes."""
+        by_lamps = self._lit.mean > 0.0
+        if by_lamps != self._by_lamps:
+            lit = self._lit
+            self.reset()
+            self._by_lamps, self._lit = by_lamps, lit
+            self._survey = self._make_survey()
+        if np.isfinite(water.attenuation).any() and (water.lamps is not None) != by_lamps:
+            return WaterEstimate.not_assessable(Status.LIGHT_UNCERTAIN)
+        return water
 
     def reset(self) -> None:
         """Reset the filter: earlier frames do not count."""
@@ -225,6 +242,13 @@ class WaterFilter:
         self._grey.reset()
         self._transfer, self._lit = Vote(), Vote()
         self._survey.reset()
+
+    def _make_survey(self) -> Survey | LampSurvey:
+        config, clear_water = self.config, self._assessor.clear_water_attenuation
+        if self._by_lamps:
+            return LampSurvey(config.survey, NodeEstimator(config.lighting, clear_water))
+        return Survey(config.survey, WaterEstimator(
+            config.water, clear_water, config.camera.transfer, self._assessor.daylight))
 
 
 def _relative(water: WaterEstimate) -> Array:
@@ -245,12 +269,3 @@ class Vote:
             return
         self.frames = min(self.frames + 1, LATEST)
         self.mean += (min(max(log_odds, -CERTAIN), CERTAIN) - self.mean) / self.frames
-
-
-def _make_survey(config: PipelineConfig, assessor: Assessor) -> Survey | LampSurvey:
-    if config.lighting.model != "daylight":
-        return LampSurvey(
-            config.survey, NodeEstimator(config.lighting, assessor.clear_water_attenuation))
-    return Survey(config.survey, WaterEstimator(
-        config.water, assessor.clear_water_attenuation, config.camera.transfer,
-        assessor.daylight))
