@@ -44,7 +44,7 @@ def calibrate_lighting(
     Returns what was found, how many frames were used, and what of the recordings could not be read.
     """
     lighting = options.pipeline.lighting
-    if lamps is None and lighting.model != "lamps":
+    if lamps is None and lighting.model not in ("lamps", "auto"):
         raise InputError(
             "--lighting needs to know how many lamps there are: give --lamps N, or their places "
             "about as they are with lighting.model: lamps in --params-file")

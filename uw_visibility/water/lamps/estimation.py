@@ -79,7 +79,7 @@ class NodeEstimator:
 
     def fit_tracks(self, frames: Sequence[Sightings]) -> TrackFit | None:
         """Fit attenuation to tracked points; None where that fails, or by daylight too."""
-        return fit_tracks(frames, self._lighting) if self._lighting.model == "lamps" else None
+        return fit_tracks(frames, self._lighting) if self._lighting.model != "both" else None
 
     def estimate_nodes(
         self, frames: Sequence[Nodes], refused: Sequence[Status] | None = None,
