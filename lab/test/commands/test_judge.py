@@ -50,7 +50,6 @@ def test_what_cannot_be_judged_is_one_sentence(
     (["--views", "3"], "--views"),
     (["--epochs", "nan"], "--epochs"),
     (["--jobs", "0"], "--jobs"),
-    (["--start", "no.npz"], "no.npz holds no trained networks"),
 ])
 def test_what_cannot_be_trained_is_one_sentence(
     arguments: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -11,7 +11,6 @@ from pathlib import Path
 from uw_visibility.config.files import refuse_inputs
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.replay.progress import progress_bar, say
-from uw_visibility.water.daylight.network import load
 from uw_visibility_lab.commands.described import REQUIRED, Options, add_described
 
 HELP = "a posterior of the water, trained on random views"
@@ -36,7 +35,6 @@ OPTIONS: Options = {
         None, "statistics of the views: read where there is one, else written", Path),
     "--lamps SHARE": (None, "share of the views that are by lamps, instead of the beliefs'", float),
     "--also NPZ": (None, "statistics of further views, that another run wrote", Path),
-    "--start NPZ": (None, "networks that are trained further, as many as they are", Path),
 }
 
 
@@ -52,7 +50,6 @@ def run(arguments: argparse.Namespace) -> None:
     check_range("--jobs", arguments.jobs, 1, 256)
     check_range("--lamps", 0.0 if arguments.lamps is None else arguments.lamps, 0.0, 1.0)
     _check_output(arguments)
-    start = None if arguments.start is None else load(arguments.start)
     if importlib.util.find_spec("torch") is None:
         raise InputError("train needs PyTorch: pip install 'uw_visibility_lab[train]'")
     from uw_visibility_lab.posterior import examples
@@ -69,8 +66,8 @@ def run(arguments: argparse.Namespace) -> None:
             examples.save(views, kept)
     if arguments.also is not None:
         views = examples.joined(views, examples.load(arguments.also))
-    arrays = train(views, arguments.networks, arguments.epochs, say, start)
-    write(arrays, arguments.output, provenance(arguments.pool, arguments.seed, views, start))
+    arrays = train(views, arguments.networks, arguments.epochs, say)
+    write(arrays, arguments.output, provenance(arguments.pool, arguments.seed, views))
     say(f"networks: {arguments.output}")
 
 

@@ -44,8 +44,6 @@ BLOCK, STANDARD = 1024, 20_480
 HIDDEN = (192, 128, 64)
 BATCH = 256
 LEARNING_RATE, WEIGHT_DECAY, LARGEST_GRADIENT = 1e-2, 1e-1, 1.0
-# Networks that were trained before learn more slowly, or they would forget.
-SLOWER = 0.2
 # Part of the features that is left out in each step.
 DROPPED = 0.2
 # A view that nothing explains does not turn the others.
@@ -67,13 +65,6 @@ class Net(nn.Module):
             nn.Linear(features, first), nn.Linear(2 * first, second), nn.Linear(second, third),
             nn.Linear(third, OUTPUTS), nn.Linear(third, COMPONENTS), nn.Linear(third, FLAGS)))
         self.act = nn.GELU(approximate="tanh")
-
-    def take(self, layers: tuple[NDArray[np.float32], ...]) -> None:
-        """Take the weights and biases of one of `Network.layers`."""
-        with torch.no_grad():
-            for part, weights, bias in zip(self.parts, layers[::2], layers[1::2], strict=True):
-                part.weight.copy_(torch.from_numpy(weights.T))
-                part.bias.copy_(torch.from_numpy(bias))
 
     def forward(self, x: Any) -> tuple[Any, Any, Any]:
         """Outputs (N, 3, OUTPUTS), and logits (N, K) of components and (N, 2) of flags."""
@@ -132,17 +123,10 @@ def _loss(net: Net, x: Any, truth: Any, flags: Any) -> Any:
 
 
 def train(
-    examples: Examples, seeds: int = 3, epochs: float = 40.0, say: Any = print,
-    start: Network | None = None,
+    examples: Examples, seeds: int = 3, epochs: float = 40.0, say: Any = print
 ) -> dict[str, NDArray[Any]]:
-    """Train networks; return their arrays as `network.load` reads them.
-
-    `start`: networks that are trained further, as many as they are, instead of random ones.
-    """
-    x, centre, spread = standardised_features(examples, start)
-    if start is not None:
-        seeds = len(start.layers)
-    rate = LEARNING_RATE if start is None else SLOWER * LEARNING_RATE
+    """Train networks; return their arrays as `network.load` reads them."""
+    x, centre, spread = standardised_features(examples)
     held = held_back(len(x))
     flags = np.stack((examples.other_curve, examples.lamps), axis=1).astype(np.float32)
     xs, *rest = (torch.from_numpy(each[~held]) for each in (x, examples.truth, flags))
@@ -154,11 +138,10 @@ def train(
     for seed in range(seeds):
         torch.manual_seed(seed)
         net = Net(x.shape[2])
-        if start is not None:
-            net.take(start.layers[seed])
-        optimiser = torch.optim.AdamW(net.parameters(), lr=rate, weight_decay=WEIGHT_DECAY)
+        optimiser = torch.optim.AdamW(
+            net.parameters(), lr=LEARNING_RATE, weight_decay=WEIGHT_DECAY)
         schedule = torch.optim.lr_scheduler.OneCycleLR(
-            optimiser, rate, total_steps=steps + 1, pct_start=0.05)
+            optimiser, LEARNING_RATE, total_steps=steps + 1, pct_start=0.05)
         best, kept = math.inf, {}
         begun = time.monotonic()
         for step in range(steps + 1):
@@ -195,11 +178,9 @@ def train(
 
 
 def standardised_features(
-    examples: Examples, start: Network | None = None,
+    examples: Examples,
 ) -> tuple[NDArray[np.float16], NDArray[np.float32], NDArray[np.float32]]:
     """Features (N, 3, D) in deviations, and the mean and deviation (D,) of the first views'.
-
-    Mean and deviation are those of networks that are trained further.
 
     In 16 bit: 200,000 views are 1.5 GB.
     """
@@ -210,8 +191,6 @@ def standardised_features(
     first = np.concatenate([block(at) for at in range(0, min(number, STANDARD), BLOCK)])
     flat = first.reshape(-1, first.shape[2])
     centre, spread = flat.mean(0), flat.std(0) + 1e-3
-    if start is not None:
-        centre, spread = start.centre.astype(np.float32), start.spread.astype(np.float32)
     x = np.empty((number, *first.shape[1:]), np.float16)
     for at in range(0, number, BLOCK):
         x[at:at + BLOCK] = standardise(block(at), centre, spread)
@@ -235,13 +214,10 @@ def held_back(number: int) -> NDArray[np.bool_]:
     return np.random.default_rng(0).random(number) < HELD_BACK
 
 
-def provenance(
-    pool: Path, seed: int, examples: Examples, start: Network | None = None
-) -> str:
+def provenance(pool: Path, seed: int, examples: Examples) -> str:
     """What the networks were trained on, to be kept with them."""
-    before = "" if start is None else f"{start.provenance}; then "
     return (
-        f"{before}{len(examples.truth)} views of the scenes in {pool.name}, seed {seed}, "
+        f"{len(examples.truth)} views of the scenes in {pool.name}, seed {seed}, "
         f"uw_visibility {__version__}, PyTorch {torch.__version__}")
 
 

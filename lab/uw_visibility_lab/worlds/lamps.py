@@ -26,7 +26,7 @@ from uw_visibility_lab.simulation.phase_functions import (
     henyey_greenstein,
     phase_table,
 )
-from uw_visibility_lab.worlds.beliefs import count, draw, happens
+from uw_visibility_lab.worlds.beliefs import count, draw
 
 GAUSSIAN, COSINE, RIM = "gaussian", "cosine", "rim"
 """Beams: as they are told; a power of the cosine, as of bare diodes; flat with a bright rim, as of
@@ -90,9 +90,8 @@ def light_by_lamps(
     rays = rays_of(ranges.shape, draw(rng, "camera.focal_length"))
     scattering = attenuation * np.array([draw(rng, "lamps.albedo") for _ in range(3)])
     rig = Rig(lamps, scattering, PHASES[count(rng, "lamps.phase")])
-    normals = None if happens(rng, "lamps.facing") else normals_of(rays, ranges)
     return (
-        reflectance * direct_light(rays, ranges, normals, rig, attenuation),
+        reflectance * direct_light(rays, ranges, None, rig, attenuation),
         scattered_light(rays, ranges, rig, attenuation))
 
 
