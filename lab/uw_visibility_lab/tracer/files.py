@@ -18,7 +18,6 @@ from uw_visibility.images.files import read_image, write_png
 from uw_visibility.optics.transfer import from_linear
 from uw_visibility_lab.tracer.scene import Description
 from uw_visibility_lab.tracer.truth import (
-    Decay,
     fit_decay,
     scene_light,
     transmissions,
@@ -55,10 +54,6 @@ def _listed(values: Array) -> list[float | None]:
     return [float(f"{v:.6g}") if np.isfinite(v) else None for v in np.asarray(values, float)]
 
 
-def _decay(decay: Decay) -> dict[str, list[float | None]]:
-    return {name: _listed(values) for name, values in asdict(decay).items()}
-
-
 def exposure(image: Array) -> float:
     """Return the gain that makes an image of radiances one of code values."""
     share, level = EXPOSURE
@@ -77,12 +72,10 @@ def truth_of(
     Returns in units of the image, 1/m and m.
     """
     ranges = arrays["ranges"]
-    # A denoised veil is smooth, but its mean may be off: for a sum the raw one, for a slope this.
-    decays = {
-        name: fit_decay(*transmissions(
-            arrays["raw"], arrays[veil], arrays["surface"], ranges, contrast=contrast))
-        for name, veil, contrast in (("all", "raw_black", False), ("contrast", "black", True))}
-    veil, source, growth = veil_at_infinity(arrays["image"], arrays["black"], ranges)
+    # A denoised veil is smooth, but its mean may be off: the raw one.
+    attenuation, stddev = fit_decay(*transmissions(
+        arrays["raw"], arrays["raw_black"], arrays["surface"], ranges))
+    veil, source = veil_at_infinity(arrays["image"], arrays["black"], ranges)
     water = description.water
     seen = ranges[np.isfinite(ranges)]
     return {
@@ -95,11 +88,9 @@ def truth_of(
         "scattering": list(water.scattering),
         "beam_attenuation": _listed(water.beam_attenuation),
         "single_scattering_albedo": _listed(water.albedo),
-        "attenuation": _decay(decays["all"]),
-        "attenuation_contrast": _decay(decays["contrast"]),
+        "attenuation": {"attenuation": _listed(attenuation), "stddev": _listed(stddev)},
         "veil": _listed(veil),
         "veil_source": source,
-        "veil_growth": _listed(growth),
         "light": _listed(scene_light(arrays["surface"], arrays["reflectance"], ranges)),
         "ranges": _listed(np.quantile(seen, [0.01, 0.5, 0.99])),
         "open_water": round(float(1.0 - np.isfinite(ranges).mean()), 5),

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,21 +17,10 @@ BINS = 24
 """Of range, with equally many pixels."""
 
 FEWEST_PIXELS = 60
-"""Of a bin: for three coefficients, with room."""
+"""Of a bin."""
 
 LEAST_OPEN = 0.01
 """Share of open water that is enough to take the veil from."""
-
-
-@dataclass(frozen=True)
-class Decay:
-    """Exponential decay of light over range, by channel, each (3,)."""
-
-    attenuation: Array  # 1/m; NaN where it cannot be told
-    stddev: Array  # 1/m: of the samples' noise and of the departure from an exponential
-    # transmission at range 0 that the exponential comes to; 1 if it were one from there
-    start: Array
-    departure: Array  # rms of transmission over its exponential, less 1, weighted as in the fit
 
 
 def range_bins(ranges: Array) -> list[NDArray[np.int64]]:
@@ -44,20 +32,14 @@ def range_bins(ranges: Array) -> list[NDArray[np.int64]]:
 
 
 def transmissions(
-    image: Array, veil: Array, surface: Array, ranges: Array, *, contrast: bool,
+    image: Array, veil: Array, surface: Array, ranges: Array,
 ) -> tuple[Array, Array, Array]:
-    """Transmission of surfaces' light by range.
-
-    Without `contrast`, it is the sum of image - veil over the sum of the surfaces' radiance: all
-    that surfaces add to the image. With it, it is the slope of image - veil over the surfaces'
-    radiance within a bin, beside a constant and a trend with range: light that the floor sends
-    into the water adds to the veil on dark and bright patches alike, and is no part of it.
+    """Transmission of surfaces' light by range: all that surfaces add to the image, over theirs.
 
     image: (H, W, 3), light in water; with noise, but not denoised: that flattens texture.
     veil: (H, W, 3), the same with black surfaces.
     surface: (H, W, 3), radiance of the surfaces themselves.
     ranges: (H, W), m, NaN in open water.
-    contrast: which of the two.
     Returns `middles`, (N,), mean range of each bin, m; `values, stddevs`, (N, 3).
     Raises `InputError` if too few pixels have a range.
     """
@@ -68,46 +50,39 @@ def transmissions(
     light = (np.asarray(image, float) - veil).reshape(-1, 3)
     given = np.asarray(surface, float).reshape(-1, 3)
     middles = np.array([distance[part].mean() for part in parts])
-    values = np.full((len(parts), 3), np.nan)
-    stddevs = np.full((len(parts), 3), np.nan)
+    values, stddevs = np.empty((2, len(parts), 3))
     for k, part in enumerate(parts):
-        for channel in range(3):
-            seen, source = light[part, channel], given[part, channel]
-            if contrast:
-                trend = distance[part] - middles[k]
-                design = np.stack([source, np.ones(len(part)), trend], -1)
-            else:
-                design = source[:, None]
-            inverse = np.linalg.pinv(design.T @ design)
-            found = inverse @ (design.T @ seen)
-            rest = seen - design @ found
-            variance = rest @ rest / max(len(part) - design.shape[1], 1)
-            values[k, channel] = found[0]
-            stddevs[k, channel] = math.sqrt(max(variance * inverse[0, 0], 1e-24))
+        seen, source = light[part], given[part]
+        # A channel that lights nothing has no slope.
+        power = np.maximum((source * source).sum(axis=0), 1e-300)
+        values[k] = (source * seen).sum(axis=0) / power
+        variance = np.square(seen - values[k] * source).sum(axis=0) / (len(part) - 1)
+        stddevs[k] = np.sqrt(np.maximum(variance / power, 1e-24))
     return middles, values, stddevs
 
 
-def fit_decay(middles: Array, values: Array, stddevs: Array) -> Decay:
+def fit_decay(middles: Array, values: Array, stddevs: Array) -> tuple[Array, Array]:
     """Fit k e^(-βd) to transmissions, weighted by their noise, with both k and β free.
 
     k is free since a camera does not know it: reflectance and light are unknown to it alike.
 
     middles: (N,), m.
     values, stddevs: (N, 3).
-    Returns its stddev is scaled by √χ² per degree of freedom where that is above 1.
+    Returns `attenuation`, β, and `stddev`, (3,), 1/m; NaN where it cannot be told. The deviation is
+    of the samples' noise and of the departure from an exponential: it is scaled by √χ² per degree
+    of freedom where that is above 1.
     """
-    result = np.full((4, 3), np.nan)
+    attenuation, stddev = np.full((2, 3), np.nan)
     for channel in range(3):
         value, noise = values[:, channel], stddevs[:, channel]
         used = np.isfinite(value) & np.isfinite(noise) & (noise > 0.0)
         # Without 3 bins above their noise there is no decay to be told.
-        if used.sum() < 3 or (value[used] > 3.0 * noise[used]).sum() < 3:
-            continue
-        result[:, channel] = _fit(middles[used], value[used], noise[used])
-    return Decay(*result)
+        if used.sum() >= 3 and (value[used] > 3.0 * noise[used]).sum() >= 3:
+            attenuation[channel], stddev[channel] = _fit(middles[used], value[used], noise[used])
+    return attenuation, stddev
 
 
-def _fit(distance: Array, value: Array, noise: Array) -> tuple[float, float, float, float]:
+def _fit(distance: Array, value: Array, noise: Array) -> tuple[float, float]:
     clear = value > 3.0 * noise
     weight = np.where(clear, value / noise, 0.0)
     slope, height = np.polyfit(
@@ -120,32 +95,29 @@ def _fit(distance: Array, value: Array, noise: Array) -> tuple[float, float, flo
         return np.asarray((np.exp(unknown[0] - unknown[1] * distance) - value) / spread)
 
     fit = least_squares(residual, [height, -slope])
-    freedom = max(len(value) - 2, 1)
-    scatter = max(1.0, float(fit.fun @ fit.fun) / freedom)
+    scatter = max(1.0, float(fit.fun @ fit.fun) / max(len(value) - 2, 1))
     covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * scatter
-    model = np.exp(fit.x[0] - fit.x[1] * distance)
-    share = np.square(model / spread)
-    departure = math.sqrt(float(share @ np.square(value / model - 1.0)) / float(share.sum()))
-    return (float(fit.x[1]), math.sqrt(float(covariance[1, 1])), math.exp(float(fit.x[0])),
-            departure)
+    return float(fit.x[1]), math.sqrt(float(covariance[1, 1]))
 
 
-def veil_at_infinity(image: Array, veil: Array, ranges: Array) -> tuple[Array, str, Array]:
+def veil_at_infinity(image: Array, veil: Array, ranges: Array) -> tuple[Array, str]:
     """Veil B: open water where it is in view, else what the veil's growth with range comes to.
 
     image, veil: (H, W, 3), light in water, and the same with black surfaces.
     ranges: (H, W), m, NaN in open water.
-    Returns `veil`, (3,), NaN where it cannot be told; `source`, "open water", or "growth over
-    range"; `growth`, (3,), 1/m: β of B (1 - e^(-βd)) that comes nearest to the black surfaces'
-    veil; NaN where ranges are too short to show it.
+    Returns `veil`, (3,), NaN where ranges are too short to tell it; `source`, "open water", or
+    "growth over range".
     """
+    opened = ~np.isfinite(ranges)
+    if opened.mean() >= LEAST_OPEN:
+        return np.median(image[opened], axis=0), "open water"
     parts = range_bins(ranges)
     # In 64 bit: NumPy 1 computes an array of 32 with scalars of 64 in 32 bit, NumPy 2 in 64, and
     # derivatives by differences need 64.
     along = np.ravel(ranges).astype(float)
     distance = np.array([along[part].mean() for part in parts])
     flat = np.asarray(veil, float).reshape(-1, 3)
-    found, growth = np.full(3, np.nan), np.full(3, np.nan)
+    found = np.full(3, np.nan)
     for channel in range(3):
         grown = np.array([flat[part, channel].mean() for part in parts])
         top = max(float(grown.max()), 1e-12)
@@ -155,14 +127,10 @@ def veil_at_infinity(image: Array, veil: Array, ranges: Array) -> tuple[Array, s
             return np.asarray(level - grown / top)
 
         fit = least_squares(residual, [0.3, -1.5], loss="soft_l1", f_scale=0.02)
-        # An infinity beyond three times what is seen is no measurement, nor is its rate.
+        # An infinity beyond three times what is seen is no measurement.
         if fit.x[0] < math.log(3.0):
-            growth[channel] = math.exp(fit.x[1])
             found[channel] = top * math.exp(fit.x[0])
-    opened = ~np.isfinite(ranges)
-    if opened.mean() >= LEAST_OPEN:
-        return np.median(image[opened], axis=0), "open water", growth
-    return found, "growth over range", growth
+    return found, "growth over range"
 
 
 def scene_light(surface: Array, reflectance: Array, ranges: Array) -> Array:
