@@ -38,8 +38,7 @@ DESCRIPTION = """\
 Rerun section III of the paper: put stereo scenes with known disparity under water,
 for each mean attenuation and depth of a grid, and compare what the pipeline makes of
 them with the truth, with OpenCV's matcher and histogram methods, and with the oracle,
-which knows the water and the ranges; with MC-CNN, too, where MCCNN and libsgm are
-installed.
+which knows the water and the ranges.
 
 The water there is lit as the scene is, and parameter water.veil is paper unless it is set.
 
@@ -181,7 +180,6 @@ def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Writt
         noises=tuple(arguments.noise or (QUICK_NOISES if quick else NOISES)),
     )
     _check_figures()
-    from uw_visibility_lab.evaluation import mccnn
     from uw_visibility_lab.evaluation.figures.pictures import write_figures
     from uw_visibility_lab.evaluation.report import summary_text, write_evaluation
     from uw_visibility_lab.evaluation.summary import summarise
@@ -192,8 +190,6 @@ def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Writt
     def write(folder: Path) -> None:
         write_evaluation(folder, evaluation, summary)
         write_figures(folder, evaluation, arguments.format)
-        if mccnn.missing():
-            say(f"without the peer {mccnn.TITLE}: pip install {' '.join(mccnn.missing())}")
 
     return write, summary_text(summary)
 

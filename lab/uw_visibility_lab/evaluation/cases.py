@@ -32,7 +32,7 @@ from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.observations import Envelopes
-from uw_visibility_lab.evaluation import baselines, mccnn, metrics
+from uw_visibility_lab.evaluation import baselines, metrics
 from uw_visibility_lab.evaluation.degrade import (
     fill_from_background,
     recover_radiance,
@@ -59,7 +59,6 @@ MATCHES = {
     "ours_raw": "ours, raw pair",
     "ours": "ours, enhanced pair",
     "oracle_ours": "ours, true water and ranges",
-    **({} if mccnn.missing() else {"mccnn": mccnn.TITLE}),
 }
 """Disparity maps, by their names in tables."""
 
@@ -180,8 +179,6 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
         images["final"] = result.left_enhanced
         assert result.stereo.original is not None
         disparities |= {"ours_raw": result.stereo.original, "ours": result.disparity}
-    if "mccnn" in MATCHES:
-        disparities["mccnn"] = mccnn.match(left, right, count - 1)
     known = scene.disparity_left, tolerance(scene)
     return CaseResult(
         scene=scene.name,

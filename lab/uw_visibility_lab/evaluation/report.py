@@ -15,10 +15,7 @@ from uw_visibility_lab.evaluation.tables import as_text, flat, number, told, wri
 
 # Places that are printed for one reason; evaluation.json has them all.
 PLACES_SHOWN = 4
-SHORT_MATCHES = (
-    "SGBM", "CLAHE+", "oracle+", "ours raw", "ours", "true w.",
-    *(["mccnn"] if "mccnn" in MATCHES else []),
-)
+SHORT_MATCHES = ("SGBM", "CLAHE+", "oracle+", "ours raw", "ours", "true w.")
 SHORT_IMAGES = ("input", "hist.", "CLAHE", "step 1", "final", "oracle")
 
 

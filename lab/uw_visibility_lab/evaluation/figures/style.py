@@ -24,7 +24,6 @@ CHANNEL_COLOURS = {"red": "#cc2020", "green": "#1e8a34", "blue": "#2050cc"}
 # the same in all figures.
 OURS, OURS_BEFORE, PLAIN = "#0072b2", "#56b4e9", "#d55e00"
 INPUT, HISTOGRAM, CLAHE, ORACLE = "#777777", "#cc79a7", "#e69f00", "#000000"
-LEARNT = "#009e73"
 
 Style = dict[str, Any]
 
@@ -49,7 +48,6 @@ READING_STYLES = _styles(
 MATCH_STYLES = _styles(
     MATCHES, ("sgbm", INPUT, "^"), ("clahe_sgbm", CLAHE, "v"), ("oracle_sgbm", ORACLE, "D", ":"),
     ("ours_raw", OURS_BEFORE, "s"), ("ours", OURS, "o"), ("oracle_ours", OURS, "x", ":"),
-    ("mccnn", LEARNT, "<"),
 )
 IMAGE_STYLES = _styles(
     IMAGES, ("degraded", INPUT, "^"), ("histogram", HISTOGRAM, "P"), ("clahe", CLAHE, "v"),
