@@ -9,7 +9,7 @@ import pytest
 from scenes import in_water, patches
 
 from uw_visibility.status import Status
-from uw_visibility_lab.evaluation.backscatter import fit_backscatter
+from uw_visibility_lab.evaluation.fits import fit_backscatter
 
 BETA, VEIL = np.array([0.6, 0.35, 0.3]), np.array([0.2, 0.35, 0.4])
 

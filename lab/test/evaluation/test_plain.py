@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.status import Status
-from uw_visibility_lab.evaluation.plain import BOUNDS, fit_plain
+from uw_visibility_lab.evaluation.fits import BOUNDS, fit_plain
 
 KAPPA = np.array([0.228, 0.066, 0.025])
 RANGES = np.tile(np.linspace(1.0, 8.0, 200), (150, 1))

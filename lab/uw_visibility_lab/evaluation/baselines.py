@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from uw_visibility.images.arrays import Array, DisparityMap, Image8, RangeMap
-from uw_visibility_lab.evaluation.backscatter import fit_backscatter
+from uw_visibility_lab.evaluation.fits import fit_backscatter
 
 # Settings of OpenCV's sample stereo_match, in full mode, but for the range of
 # speckles, which is that of OpenCV's documentation.
@@ -90,7 +90,7 @@ def sea_thru(image: Image8, ranges: RangeMap) -> Image8:
     """Sea-thru's backscatter taken off, its β made up for, then grey world.
 
     Of the publication's two attenuations that of the backscatter serves for both. Where the
-    range (m) is unknown, or the fit fails, the image stays. See `backscatter`.
+    range (m) is unknown, or the fit fails, the image stays. See `fit_backscatter`.
     """
     water = fit_backscatter(image, ranges)
     if not np.isfinite(water.attenuation).all():

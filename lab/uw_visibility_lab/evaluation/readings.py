@@ -22,7 +22,7 @@ from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor, Visibility
 from uw_visibility.water.series.filter import FilteredWater
-from uw_visibility_lab.evaluation.plain import fit_plain
+from uw_visibility_lab.evaluation.fits import fit_plain
 
 Triple = tuple[float, float, float]
 

@@ -18,7 +18,7 @@ from uw_visibility.images.view import View
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility_lab.evaluation.degrade import load_scene
-from uw_visibility_lab.evaluation.plain import fit_plain
+from uw_visibility_lab.evaluation.fits import fit_plain
 
 
 def estimator(transfer="linear", **settings):

@@ -16,7 +16,7 @@ from uw_visibility.errors import check_range
 from uw_visibility.images.arrays import Array, Image8
 from uw_visibility_lab.evaluation.adverse.effects import Level, chosen
 from uw_visibility_lab.evaluation.adverse.scenes import AdverseScene, load_adverse_scene
-from uw_visibility_lab.evaluation.backscatter import fit_backscatter
+from uw_visibility_lab.evaluation.fits import fit_backscatter
 from uw_visibility_lab.evaluation.readings import Reader, Truth, read_pair
 from uw_visibility_lab.evaluation.scenes import SceneSource
 from uw_visibility_lab.evaluation.studies import StudyResult
