@@ -16,9 +16,8 @@ from uw_visibility import PipelineConfig
 from uw_visibility_lab.evaluation.cases import READINGS, Case, evaluate_case
 from uw_visibility_lab.evaluation.experiments import Evaluation, Plan
 from uw_visibility_lab.evaluation.figures.pictures import write_figures
-from uw_visibility_lab.evaluation.report import summary_text, write_evaluation
+from uw_visibility_lab.evaluation.report import summarise, summary_text, write_evaluation
 from uw_visibility_lab.evaluation.scenes import SceneSource
-from uw_visibility_lab.evaluation.summary import summarise
 
 
 @pytest.fixture(scope="module")
@@ -56,13 +55,9 @@ def test_its_disparities_are_none_and_its_colours_unknown(refused):
 def test_the_summary_counts_it(refused):
     summary = summarise(refused)
     water = summary["water"]["pipeline"]
-    assert (water["mean_attenuation_error"]["assessed"], water["mean_attenuation_error"]["of"]) \
-        == (0, 1)
-    assert math.isnan(water["mean_attenuation_error"]["mean"])
-    ((reason, places),) = water["not_assessed"].items()
-    assert reason == refused.cases[0].refusal
-    assert len(places) == 1
-    assert places[0].startswith("wall, ")
+    assert (water["cases"], water["refused"], water["refused_depth"]) == (1, 1.0, 1.0)
+    assert math.isnan(water["mean_attenuation_error"])
+    assert water["reasons"] == {refused.cases[0].refusal: 1}
     assert summary["colour_difference"]["final"]["assessed"] == 0
     text = summary_text(summary)
     assert f"{READINGS['pipeline']}: pair refused" in text

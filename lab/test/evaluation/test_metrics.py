@@ -69,14 +69,3 @@ def test_disparity_fractions() -> None:
     assert metrics.correct_fraction(nothing, truth) == 0
     assert np.isnan(metrics.bad_fraction(nothing, truth))
     assert np.isnan(metrics.correct_fraction(found, nothing))
-
-
-def test_normalised_errors_of_honest_deviations() -> None:
-    random = np.random.default_rng(0)
-    sigma = random.uniform(0.1, 3, 20000)
-    errors = metrics.normalised_errors(5 + random.normal(0, sigma), 5, sigma)
-    assert metrics.fraction_within(errors, 1) == pytest.approx(0.683, abs=0.01)
-    assert metrics.fraction_within(errors, 2) == pytest.approx(0.954, abs=0.01)
-    left_out = metrics.normalised_errors([1, np.nan, 1, 1], [0, 0, 0, 0], [2, 1, 0, np.nan])
-    np.testing.assert_array_equal(left_out, [0.5])
-    assert np.isnan(metrics.fraction_within([], 1))

@@ -181,8 +181,7 @@ def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Writt
     )
     _check_figures()
     from uw_visibility_lab.evaluation.figures.pictures import write_figures
-    from uw_visibility_lab.evaluation.report import summary_text, write_evaluation
-    from uw_visibility_lab.evaluation.summary import summarise
+    from uw_visibility_lab.evaluation.report import summarise, summary_text, write_evaluation
 
     evaluation = experiments.evaluate(plan, arguments.jobs, progress)
     summary = summarise(evaluation)

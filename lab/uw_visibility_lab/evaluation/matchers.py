@@ -15,7 +15,7 @@ from uw_visibility_lab.evaluation.cases import Case, CaseResult, evaluate_case
 from uw_visibility_lab.evaluation.degrade import title_of
 from uw_visibility_lab.evaluation.parallel import Progress, run_cases
 from uw_visibility_lab.evaluation.scenes import SceneSource
-from uw_visibility_lab.evaluation.summary import mean
+from uw_visibility_lab.evaluation.studies import mean
 from uw_visibility_lab.evaluation.tables import as_text, number
 
 HEAD = ("means over the scenes", "matched", "correct", "wrong", "|α̂ − α|", "score", "off, σ")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Array, DisparityMap, Map
 from uw_visibility.optics.transfer import to_linear
@@ -65,23 +65,6 @@ def bad_fraction(disparity: DisparityMap, truth: DisparityMap, tolerance: float 
     if not both.any():
         return float("nan")
     return float((np.abs(disparity[both] - truth[both]) > tolerance).mean())
-
-
-def normalised_errors(estimates: ArrayLike, truth: ArrayLike, deviations: ArrayLike) -> Array:
-    """Errors over the standard deviations claimed for them, where all are finite.
-
-    Honest deviations give about 68 % within 1 and 95 % within 2.
-    """
-    difference = np.asarray(estimates, dtype=np.float64) - np.asarray(truth, dtype=np.float64)
-    sigma = np.broadcast_to(np.asarray(deviations, dtype=np.float64), difference.shape)
-    usable = np.isfinite(difference) & np.isfinite(sigma) & (sigma > 0)
-    return np.asarray(difference[usable] / sigma[usable])
-
-
-def fraction_within(errors: ArrayLike, sigmas: float) -> float:
-    """Share of normalised errors within so many standard deviations; NaN if there are none."""
-    values = np.abs(np.asarray(errors, dtype=np.float64))
-    return float((values <= sigmas).mean()) if values.size else float("nan")
 
 
 @dataclass(frozen=True)

@@ -1,22 +1,95 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Report of the experiments: tables, `evaluation.json`, and text for the terminal."""
+"""Summary and report of the experiments: tables, `evaluation.json`, and text for the terminal."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from uw_visibility_lab.evaluation.cases import IMAGES, MATCHES, READINGS
+from uw_visibility_lab.evaluation.cases import IMAGES, MATCHES, READINGS, CaseResult
 from uw_visibility_lab.evaluation.degrade import title_of
 from uw_visibility_lab.evaluation.experiments import Evaluation
-from uw_visibility_lab.evaluation.summary import TURBID, Summary
+from uw_visibility_lab.evaluation.studies import (
+    LEGEND,
+    Summary,
+    by_estimate,
+    grouped,
+    mean,
+    reasons_text,
+    statistics_text,
+)
 from uw_visibility_lab.evaluation.tables import as_text, flat, number, told, write_report
 
-# Places that are printed for one reason; evaluation.json has them all.
-PLACES_SHOWN = 4
 SHORT_MATCHES = ("SGBM", "CLAHE+", "oracle+", "ours raw", "ours", "true w.")
 SHORT_IMAGES = ("input", "hist.", "CLAHE", "step 1", "final", "oracle")
+
+
+def summarise(evaluation: Evaluation) -> Summary:
+    """Reduce an evaluation to its summary; all but ``noise`` is of cases without noise.
+
+    Returns: ``water``: `statistics` by the names of `READINGS`; `means` over all cases,
+        ``conditions``: for each water, and ``noise``: for each noise and α, at one depth;
+        ``unmatched``: the largest share over turbidity, by scene and depth (Fig. 6).
+    """
+    cases, noisy, plan = evaluation.cases, evaluation.noisy, evaluation.plan
+    waters = grouped(cases, lambda c: (_attenuation(c), c.truth.depth))
+    shown = [case for case in cases if case.truth.depth == plan.shown[1]] if noisy else []
+    noises = grouped([*shown, *noisy], lambda c: (c.noise, _attenuation(c)))
+    order = ("0", *plan.noises)
+    return {
+        "cases": len(cases),
+        "scenes": list(dict.fromkeys(case.scene for case in cases)),
+        "water": by_estimate(cases),
+        **means(cases),
+        "conditions": [
+            {"mean_attenuation": attenuation, "depth": depth, **means(same)}
+            for (attenuation, depth), same in waters.items()],
+        "unmatched": [
+            {
+                "scene": scene, "depth": depth,
+                "largest": {name: max(1.0 - c.matched[name] for c in same) for name in MATCHES},
+                "above_oracle": max(c.matched["oracle_ours"] - c.matched["ours"] for c in same),
+            }
+            for (scene, depth), same in grouped(
+                cases, lambda c: (c.scene, c.truth.depth)).items()],
+        "noise": [
+            {"noise": noise, "mean_attenuation": attenuation, "depth": plan.shown[1],
+             **means(noises[noise, attenuation])}
+            for noise, attenuation in sorted(noises, key=lambda k: (order.index(k[0]), k[1]))],
+    }
+
+
+def _attenuation(case: CaseResult) -> float:
+    # Without the rounding of what was added to clear water's and taken off again.
+    return round(case.truth.mean_attenuation, 9)
+
+
+def means(cases: Sequence[CaseResult]) -> Summary:
+    """Return the mean error of α, and disparities and colours, by their names."""
+    return {
+        "mean_attenuation_error": {
+            name: mean(
+                abs(c.readings[name].mean_attenuation - c.truth.mean_attenuation) for c in cases)
+            for name in READINGS
+        },
+        "disparity": {
+            name: {
+                "correct": mean(case.correct[name] for case in cases),
+                "unmatched": mean(1.0 - case.matched[name] for case in cases),
+                "wrong": mean(case.wrong[name] for case in cases),
+            }
+            for name in MATCHES
+        },
+        "colour_difference": {
+            name: {
+                "mean": mean(case.colour_difference[name] for case in cases),
+                "assessed": sum(math.isfinite(case.colour_difference[name]) for case in cases),
+            }
+            for name in IMAGES
+        },
+    }
 
 
 def write_evaluation(folder: Path, evaluation: Evaluation, summary: Summary) -> None:
@@ -48,36 +121,13 @@ def write_evaluation(folder: Path, evaluation: Evaluation, summary: Summary) -> 
 
 def summary_text(summary: Summary) -> str:
     """Return the summary as tables for a terminal."""
-    parts: list[str] = []
-    if summary["cases"]:
-        parts += [f"{summary['cases']} cases: {', '.join(summary['scenes'])}"]
-        parts += [*_water(summary["water"]), *_means(summary), *_conditions(summary)]
-        parts += [*_noise(summary["noise"]), _not_assessed(summary["water"])]
-    return "\n\n".join(parts)
-
-
-def _water(water: Summary) -> list[str]:
-    tables = [
-        as_text([title, "mean", "worst", "assessed", "worst at"], [
-            [READINGS[name], *_errors(water[name][field], digits)] for name in names])
-        for title, field, names, digits in (
-            ("mean attenuation |α̂ − α| [1/m]", "mean_attenuation_error", READINGS, 4),
-            (f"visibility distance, relative, α ≥ {TURBID:g}", "distance_relative_error_turbid",
-             ("pipeline", "exact"), 3),
-            ("depth |ẑ − z| [m]", "depth_error", ("pipeline", "exact"), 3),
-        )
-    ]
-    within = {name: water[name]["attenuation_within"] for name in ("pipeline", "exact")}
-    tables.append(as_text(["normalised errors of β within", "1 σ", "2 σ", "of"], [
-        [READINGS[name], number(found["1_sigma"], 2), number(found["2_sigma"], 2),
-         str(found["of"])]
-        for name, found in within.items()]))
-    return tables
-
-
-def _errors(errors: Summary, digits: int) -> list[str]:
-    return [number(errors["mean"], digits), number(errors["worst"], digits),
-            f"{errors['assessed']}/{errors['of']}", errors["worst_at"] or ""]
+    water = [(READINGS[name], found) for name, found in summary["water"].items()]
+    return "\n\n".join([
+        f"{summary['cases']} cases: {', '.join(summary['scenes'])}\n{LEGEND}",
+        "\n".join([
+            statistics_text("estimates of the water", water),
+            *(line for title, found in water for line in reasons_text(found, title))]),
+        *_means(summary), *_conditions(summary), *_noise(summary["noise"])])
 
 
 def _means(summary: Summary) -> list[str]:
@@ -128,21 +178,3 @@ def _noise(rows: Sequence[Summary]) -> list[str]:
              number(row["mean_attenuation_error"]["pipeline"], 4) if what == "correct" else ""]
             for row in rows
             for what, words in (("correct", "correct"), ("wrong", "wrong among matched"))])]
-
-
-def _not_assessed(water: Summary) -> str:
-    lines = []
-    for name, title in READINGS.items():
-        known = water[name]["not_assessed"]
-        for what in ("", "distance", "depth"):
-            for reason, places in water[name][f"{what}_not_assessed".lstrip("_")].items():
-                # What stops the estimate stops the rest: only what is lacking beyond it is new.
-                more = [place for place in places if not what or place not in known.get(reason, ())]
-                if more:
-                    subject = f"{what}, {title}" if what else title
-                    shown = "; ".join(more[:PLACES_SHOWN])
-                    if len(more) > PLACES_SHOWN:
-                        shown += f"; and {len(more) - PLACES_SHOWN} more"
-                    lines.append(f"  {subject}: {reason}, {len(more)} x: {shown}")
-    return "\n".join(["not assessed" if lines else "not assessed: none", *lines])
-

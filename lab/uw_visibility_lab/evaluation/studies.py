@@ -1,27 +1,49 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Results and statistics of cases, for the adverse study and for that under lamps."""
+"""Results and statistics of cases, for the experiments, the adverse study and that under lamps."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from uw_visibility.status import Status
 from uw_visibility_lab.evaluation.readings import Reading, Truth
-from uw_visibility_lab.evaluation.summary import OK, Summary, mean
 from uw_visibility_lab.evaluation.tables import as_text, flat, number, percent
 
+if TYPE_CHECKING:
+    from uw_visibility_lab.evaluation.cases import CaseResult
+
+OK = str(Status.OK)
 SIGMAS = 3.0
 """An error beyond that many standard deviations is wrong."""
 TOO_LONG = 1.2
 """A visibility beyond that part of the true one is too long."""
-CERTAIN = 0.15
-"""A relative standard deviation of visibility up to which it says much."""
+NEAR = 0.2
+"""Relative error of visibility up to which it is right."""
+
+COLUMNS = {
+    "cases": "cases", "refused": "refused", "refused_depth": "no depth", "right": "right",
+    "beyond.attenuation": "> 3 σ: β", "beyond.visibility": "visib.", "beyond.depth": "depth",
+    "beyond_any": "any", "too_long": "long", "visibility_relative_stddev": "σ", "ratio": "ratio",
+    "mean_attenuation_error": "|α̂ − α|", "mean_attenuation_worst": "worst",
+}
+"""Headings of tables of statistics, by the statistic's dotted name."""
+DIGITS = {"ratio": 2, "mean_attenuation_error": 4, "mean_attenuation_worst": 4}
+"""Decimals of what is no share."""
+LEGEND = (
+    "shares of all cases in %; right: visibility within 20 %; > 3 σ: published and farther from\n"
+    "the truth; long: visibility beyond 1.2 times the true one; σ: median of visibility's, in %;\n"
+    "ratio: median of published over true visibility; |α̂ − α|: mean and worst, 1/m")
+
+Summary = dict[str, Any]
+Item = TypeVar("Item")
+Key = TypeVar("Key", bound=Hashable)
 
 
 @dataclass(frozen=True)
@@ -38,15 +60,23 @@ class StudyResult:
         return flat({**self.labels, "true": self.truth, **self.readings})
 
 
+def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
+    """Return items by a key of each, in the order of its first."""
+    groups: dict[Key, list[Item]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
+
+
 def statistics(pairs: Sequence[tuple[Truth, Reading]]) -> Summary:
     """Error, σ, refusals and what is wrong, over one or more cases.
 
     Shares are of all cases, refused ones among them. ``refused``: no visibility distance.
-    ``beyond``: published, and farther from the truth than 3 σ; of β where any channel is.
-    ``ratio``: median of published over true visibility. ``too_long``: beyond 1.2 times the true
-    one. Errors are means of the absolute, NaN where nothing was published.
+    ``right``: visibility within `NEAR`. ``beyond``: published, and farther from the truth than
+    3 σ; of β where any channel is. ``ratio``: median of published over true visibility.
+    ``too_long``: beyond 1.2 times the true one. Errors are means of the absolute, NaN where nothing
+    was published.
     """
-    count = len(pairs)
     beyond = {
         "attenuation": [any(_channels_beyond(truth, reading)) for truth, reading in pairs],
         "visibility": [
@@ -54,12 +84,16 @@ def statistics(pairs: Sequence[tuple[Truth, Reading]]) -> Summary:
         "depth": [_beyond(r.depth, t.depth, r.depth_stddev) for t, r in pairs],
     }
     ratios = [reading.distance / truth.distance for truth, reading in pairs]
+    errors = _known(abs(r.mean_attenuation - t.mean_attenuation) for t, r in pairs)
     return {
-        "cases": count,
-        "refused": _share(not math.isfinite(reading.distance) for _, reading in pairs),
+        "cases": len(pairs),
+        "refused": _share(not math.isfinite(ratio) for ratio in ratios),
         "refused_depth": _share(not math.isfinite(reading.depth) for _, reading in pairs),
+        "right": _share(abs(ratio - 1.0) <= NEAR for ratio in ratios),
         "reasons": _reasons(pairs, lambda reading: (reading.status, reading.distance_status)),
         "reasons_depth": _reasons(pairs, lambda reading: (reading.status, reading.depth_status)),
+        "mean_attenuation_error": mean(errors),
+        "mean_attenuation_worst": max(errors, default=math.nan),
         "attenuation_error": mean(
             abs(found - true)
             for truth, reading in pairs
@@ -72,26 +106,35 @@ def statistics(pairs: Sequence[tuple[Truth, Reading]]) -> Summary:
         "ratio": _median(ratios),
         "visibility_relative_stddev": _median(
             reading.distance_stddev / reading.distance for _, reading in pairs),
-        "certain": _share(
-            reading.distance_stddev <= CERTAIN * reading.distance for _, reading in pairs),
         "too_long": _share(ratio > TOO_LONG for ratio in ratios),
         "beyond": {name: _share(wrong) for name, wrong in beyond.items()},
         "beyond_any": _share(any(wrong) for wrong in zip(*beyond.values(), strict=True)),
     }
 
 
-def having(results: Sequence[StudyResult], **labels: Any) -> list[StudyResult]:
-    """Return the results of cases with some labels."""
-    return [result for result in results if labels.items() <= result.labels.items()]
-
-
-def by_estimate(
-    results: Sequence[StudyResult],
-    measure: Callable[[Sequence[tuple[Truth, Reading]]], Summary] = statistics,
-) -> dict[str, Summary]:
-    """Return a measure of cases by the names of their readings; empty without any."""
+def by_estimate(results: Sequence[StudyResult] | Sequence[CaseResult]) -> dict[str, Summary]:
+    """Return statistics of cases by the names of their readings; empty without any."""
     names = results[0].readings if results else {}
-    return {name: measure([(r.truth, r.readings[name]) for r in results]) for name in names}
+    return {name: statistics([(r.truth, r.readings[name]) for r in results]) for name in names}
+
+
+def mean(values: Iterable[float]) -> float:
+    """Return the mean of those that are known; NaN of none."""
+    known = _known(values)
+    return float(np.mean(known)) if known else math.nan
+
+
+def _known(values: Iterable[float]) -> list[float]:
+    return [value for value in values if math.isfinite(value)]
+
+
+def _median(values: Iterable[float]) -> float:
+    known = _known(values)
+    return float(np.median(known)) if known else math.nan
+
+
+def _share(flags: Iterable[bool]) -> float:
+    return float(np.mean(list(flags)))
 
 
 def _channels_beyond(truth: Truth, reading: Reading) -> list[bool]:
@@ -120,30 +163,16 @@ def _reasons(
     return {reason: n for reason, n in counts.most_common() if reason != OK}
 
 
-def _share(flags: Iterable[bool]) -> float:
-    return float(np.mean(list(flags)))
-
-
-def _median(values: Iterable[float]) -> float:
-    known = [value for value in values if math.isfinite(value)]
-    return float(np.median(known)) if known else math.nan
-
-
-def statistics_text(
-    title: str, columns: Mapping[str, str], found: Iterable[tuple[str, Summary]]
-) -> str:
-    """Return statistics of groups of cases as a table; shares in percent.
-
-    columns: heading by the dotted name of the statistic.
-    """
+def statistics_text(title: str, found: Iterable[tuple[str, Summary]]) -> str:
+    """Return statistics of groups of cases as a table; shares in percent."""
     def shown(name: str, value: float) -> str:
         if name == "cases":
             return str(value)
-        return number(value, 2) if name == "ratio" else percent(value)
+        return number(value, DIGITS[name]) if name in DIGITS else percent(value)
 
     rows = [(group, flat(statistic)) for group, statistic in found]
-    return as_text([title, *columns.values()], [
-        [group, *(shown(name, values[name]) for name in columns)] for group, values in rows])
+    return as_text([title, *COLUMNS.values()], [
+        [group, *(shown(name, values[name]) for name in COLUMNS)] for group, values in rows])
 
 
 def reasons_text(found: Summary, group: str = "refused") -> list[str]:

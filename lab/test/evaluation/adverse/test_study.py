@@ -108,6 +108,6 @@ def test_statistics_by_hand() -> None:
     assert found["beyond_any"] == 0.25
     assert found["too_long"] == 0.5
     assert found["ratio"] == pytest.approx(1.25)
-    assert found["certain"] == 0.5
+    assert found["right"] == 0.25
     assert found["attenuation_error"] == pytest.approx((0.01 + 0.10 + 0.02) / 3)
     assert math.isfinite(found["depth_error"])

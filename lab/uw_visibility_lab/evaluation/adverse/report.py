@@ -10,22 +10,15 @@ from pathlib import Path
 from uw_visibility_lab.evaluation.adverse.cases import METHODS, AdversePlan
 from uw_visibility_lab.evaluation.adverse.effects import CONTROL
 from uw_visibility_lab.evaluation.studies import (
+    LEGEND,
     StudyResult,
+    Summary,
     by_estimate,
-    having,
+    grouped,
     reasons_text,
     statistics_text,
 )
-from uw_visibility_lab.evaluation.summary import Summary
 from uw_visibility_lab.evaluation.tables import flat, told, write_report
-
-COLUMNS = {
-    "cases": "cases", "refused": "refused", "refused_depth": "no depth",
-    "beyond.attenuation": "> 3 σ: β", "beyond.visibility": "visib.", "beyond.depth": "depth",
-    "beyond_any": "any",
-    "ratio": "ratio", "too_long": "long", "visibility_relative_stddev": "σ",
-}
-"""Headings of the table of effects, by statistic."""
 
 
 def summarise_adverse(results: Sequence[StudyResult]) -> Summary:
@@ -35,24 +28,22 @@ def summarise_adverse(results: Sequence[StudyResult]) -> Summary:
         and level; ``adverse``: over all cases but the control's; ``control``: over the control's,
         with and without open water in view.
     """
-    effects = {
-        name: having(results, effect=name)
-        for name in dict.fromkeys(result.labels["effect"] for result in results)
-    }
+    effects = grouped(results, lambda result: result.labels["effect"])
+    control = effects.get(CONTROL, [])
     return {
         "cases": len(results),
         "scenes": list(dict.fromkeys(result.labels["scene"] for result in results)),
         "effects": {name: by_estimate(some) for name, some in effects.items()},
         "levels": {
             name: {
-                level: by_estimate(having(some, level=level))
-                for level in dict.fromkeys(result.labels["level"] for result in some)
+                level: by_estimate(same)
+                for level, same in grouped(some, lambda result: result.labels["level"]).items()
             }
             for name, some in effects.items()
         },
         "adverse": by_estimate([r for r in results if r.labels["effect"] != CONTROL]),
         "control": {
-            name: by_estimate(having(results, effect=CONTROL, open_water=seen))
+            name: by_estimate([r for r in control if r.labels["open_water"] == seen])
             for name, seen in (("open_water", True), ("no_open_water", False))
         },
     }
@@ -89,11 +80,7 @@ def write_adverse(
 
 def adverse_text(summary: Summary) -> str:
     """Return the summary as tables for a terminal, one for each method."""
-    parts = [
-        f"{summary['cases']} cases: {', '.join(summary['scenes'])}\n"
-        "shares of all cases in %; > 3 σ: published and farther from the truth; ratio: median of\n"
-        "published over true visibility; long: beyond 1.2; σ: median of visibility's, in %"
-    ]
+    parts = [f"{summary['cases']} cases: {', '.join(summary['scenes'])}\n{LEGEND}"]
     groups = {
         **summary["effects"], f"all but {CONTROL}": summary["adverse"],
         f"{CONTROL}, open water in view": summary["control"]["open_water"],
@@ -102,7 +89,7 @@ def adverse_text(summary: Summary) -> str:
     for method, title in METHODS.items():
         found = [(name, group[method]) for name, group in groups.items() if group]
         parts.append("\n".join([
-            statistics_text(title, COLUMNS, found),
+            statistics_text(title, found),
             *(line for name, each in found[:len(summary["effects"])]
               for line in reasons_text(each, name)),
         ]))

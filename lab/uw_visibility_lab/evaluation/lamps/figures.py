@@ -14,10 +14,8 @@ from matplotlib.ticker import FixedLocator, NullFormatter
 from uw_visibility.optics.transfer import from_linear
 from uw_visibility_lab.evaluation.figures import style
 from uw_visibility_lab.evaluation.lamps.cases import TOLD
-from uw_visibility_lab.evaluation.lamps.report import NEAR
 from uw_visibility_lab.evaluation.lamps.survey import PICTURES, SurveyResult
-from uw_visibility_lab.evaluation.studies import StudyResult
-from uw_visibility_lab.evaluation.summary import Summary
+from uw_visibility_lab.evaluation.studies import NEAR, StudyResult, Summary
 from uw_visibility_lab.evaluation.tables import CHANNELS
 
 COLOURS = {"known": style.OURS, "misplaced": style.HISTOGRAM, "daylight": style.PLAIN}
@@ -117,5 +115,5 @@ def draw_survey(path: Path, survey: SurveyResult) -> None:
 
 
 def _share(found: Summary, kind: str) -> float:
-    right, refused = found["right"], 1.0 - found["assessed"]
+    right, refused = found["right"], found["refused"]
     return 100.0 * {"right": right, "refused": refused, "other": 1.0 - right - refused}[kind]

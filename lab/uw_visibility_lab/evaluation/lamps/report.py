@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,15 +15,17 @@ from uw_visibility.errors import check_range
 from uw_visibility_lab.evaluation.lamps import survey as surveys
 from uw_visibility_lab.evaluation.lamps.cases import SURFACES, TOLD, LampCase
 from uw_visibility_lab.evaluation.lamps.survey import PICTURES, SurveyResult
-from uw_visibility_lab.evaluation.readings import Reading, Truth
 from uw_visibility_lab.evaluation.studies import (
+    LEGEND,
+    OK,
     StudyResult,
+    Summary,
     by_estimate,
+    grouped,
     reasons_text,
     statistics,
     statistics_text,
 )
-from uw_visibility_lab.evaluation.summary import OK, Summary
 from uw_visibility_lab.evaluation.tables import (
     CHANNELS,
     as_text,
@@ -33,17 +34,6 @@ from uw_visibility_lab.evaluation.tables import (
     told,
     write_report,
 )
-
-COLUMNS = {
-    "cases": "frames", "assessed": "assessed", "refused": "refused", "right": "right",
-    "beyond.attenuation": "> 3 σ: β", "beyond.visibility": "visib.", "beyond.depth": "depth",
-    "ratio": "ratio", "visibility_relative_stddev": "σ",
-}
-"""Headings of the tables of frames, by statistic."""
-
-NEAR = 0.2
-"""Relative error of visibility up to which it is right."""
-
 
 ATTENUATIONS = (0.05, 0.1, 0.2, 0.3)
 LAMPS = (2, 4)
@@ -91,7 +81,7 @@ def summarise_lamps(results: Sequence[StudyResult], survey: SurveyResult | None)
     """
     return {
         "frames": len(results),
-        "told": by_estimate(results, of_pairs),
+        "told": by_estimate(results),
         "lamps": _split(results, "lamps"),
         "attenuation": _split(results, "mean_attenuation"),
         "surfaces": _split(results, "surfaces"),
@@ -99,28 +89,11 @@ def summarise_lamps(results: Sequence[StudyResult], survey: SurveyResult | None)
     }
 
 
-def of_pairs(pairs: Sequence[tuple[Truth, Reading]]) -> Summary:
-    """Return the adverse study's `statistics`, and how many are assessed and right.
-
-    ``assessed`` and ``right`` (visibility within `NEAR`) are shares of all frames,
-    ``right_of_assessed`` of those that are assessed.
-    """
-    found = statistics(pairs)
-    errors = np.array([abs(r.distance / t.distance - 1.0) for t, r in pairs])
-    assessed = np.isfinite(errors)
-    right = errors <= NEAR
-    found["assessed"] = float(assessed.mean())
-    found["right"] = float(right.mean())
-    found["right_of_assessed"] = float(right[assessed].mean()) if assessed.any() else math.nan
-    return found
-
-
 def _split(results: Sequence[StudyResult], label: str) -> dict[str, dict[str, Summary]]:
-    parts: dict[str, list[StudyResult]] = {}
-    for result in results:
-        value = result.labels[label]
-        parts.setdefault(value if isinstance(value, str) else f"{value:g}", []).append(result)
-    return {name: by_estimate(some, of_pairs) for name, some in parts.items()}
+    parts = grouped(results, lambda result: result.labels[label])
+    return {
+        value if isinstance(value, str) else f"{value:g}": by_estimate(some)
+        for value, some in parts.items()}
 
 
 def _of_survey(survey: SurveyResult) -> Summary:
@@ -131,8 +104,8 @@ def _of_survey(survey: SurveyResult) -> Summary:
         "frames": len(survey.pooled),
         "cells": survey.cells,
         "views": survey.views,
-        "single": of_pairs([(truth, reading) for reading in survey.single]),
-        "pooled": of_pairs([(truth, reading) for reading in survey.pooled]),
+        "single": statistics([(truth, reading) for reading in survey.single]),
+        "pooled": statistics([(truth, reading) for reading in survey.pooled]),
         "first_assessed": first,
         "last_status": last.status,
         "attenuation": dict(zip(CHANNELS, truth.attenuation, strict=True)),
@@ -148,11 +121,7 @@ def _of_survey(survey: SurveyResult) -> Summary:
 
 def lamps_text(summary: Summary) -> str:
     """Return the summary as tables for a terminal."""
-    parts = [
-        f"{summary['frames']} frames by night; shares of all frames in %; right: visibility "
-        "within 20 %;\n> 3 σ: published and farther from the truth; ratio: median of published "
-        "over true visibility"
-    ]
+    parts = [f"{summary['frames']} frames by night\n{LEGEND}"]
     for name, title in TOLD.items():
         groups = [("all", summary["told"][name])]
         for split, words in (
@@ -161,7 +130,7 @@ def lamps_text(summary: Summary) -> str:
             groups += [
                 (words.format(value), found[name])
                 for value, found in summary[split].items() if len(summary[split]) > 1]
-        lines = [statistics_text(title, COLUMNS, groups), *reasons_text(summary["told"][name])]
+        lines = [statistics_text(title, groups), *reasons_text(summary["told"][name])]
         parts.append("\n".join(lines))
     if summary["survey"] is not None:
         parts.append(_survey_text(summary["survey"]))
@@ -204,7 +173,7 @@ def _survey_text(survey: Summary) -> str:
     return "\n".join([
         f"survey of {survey['frames']} frames; {survey['cells']} pieces of ground, "
         f"each in {survey['views']} frames",
-        statistics_text("water", COLUMNS, [
+        statistics_text("water", [
             ("each frame alone", survey["single"]), ("with those before it", survey["pooled"])]),
         *reasons_text(survey["pooled"]),
         f"  error of β at the end: {errors} ({survey['last_status']})",
