@@ -27,12 +27,13 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.config.lighting import Lamp, LightingConfig
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.lamps import ATTENUATIONS, between, displaced, incidence, shine
-from uw_visibility.water.lamps.nodes import Details, Nodes, details_of
+from uw_visibility.water.lamps.nodes import Nodes, details_of
 
 # Attenuation by particles, 1/m: the grid, and median and deviation of its logarithm beforehand
 # (belief `lamps.particles` of the laboratory, wider). Points that are added on both sides of the
@@ -133,30 +134,18 @@ class LampPosterior:
     daylight: Array
 
 
-class _Scene(NamedTuple):
-    """What nodes show: ln irradiance, of bright blocks too, and its variance, (N, 3) each."""
-
-    log_light: Array
-    log_bright: Array
-    variance: Array
-
-
-class _Model(NamedTuple):
+class _Light(NamedTuple):
     """ln D and ln S at nodes for one attenuation, and what they change by.
 
     ln D at the usual exponent, its change by k, the path −d ln D / dβ, ln S and d ln S / dβ, (N, 3)
-    each; changes of ln D by lamps that are not as told, (N, M), and of ln S by its course, (N, K);
-    a trend along the path, (N,); light of white by daylight over that of lamps of power 1, (3,).
+    each; light of white by daylight over that of lamps of power 1, (3,).
     """
 
-    log_direct: Array
+    direct: Array
     by_exponent: Array
     path: Array
-    log_scattered: Array
+    scattered: Array
     slope: Array
-    moved: Array
-    course: Array
-    trend: Array
     daylight: Array
 
 
@@ -199,15 +188,14 @@ def infer(
         return None
     # Frames that follow one another show the same ground: they are worth one frame of all ranges.
     fitted = fitted._replace(evidence=fitted.evidence / len(frames))
-    lamps = _AtLamps(frames, list(lighting.lamps()), lighting)
-    details = details_of([nodes.place for nodes in frames])
+    scene = _Scene(frames, list(lighting.lamps()), lighting)
     days = DAYS if lighting.model == "both" else (NIGHT,)
-    grids = [_over_grid(lamps, details, clear_water, day, fitted) for day in days]
-    return _summed(grids, days, lamps, clear_water, seen, quantiles)
+    grids = [_over_grid(scene, clear_water, day, fitted) for day in days]
+    return _summed(grids, days, scene, clear_water, seen, quantiles)
 
 
-class _AtLamps:
-    """Nodes of frames in the light of lamps."""
+class _Scene:
+    """Nodes of frames, and their light by lamps."""
 
     def __init__(
         self, frames: Sequence[Nodes], lamps: list[Lamp], lighting: LightingConfig
@@ -215,11 +203,11 @@ class _AtLamps:
         def joined(name: str) -> Array:
             return np.concatenate([getattr(nodes, name) for nodes in frames], axis=0)
 
-        self.scene = _Scene(
-            np.log(joined("light")), np.log(joined("bright")), joined("variance"))
+        self.log_light, self.log_bright = np.log(joined("light")), np.log(joined("bright"))
+        self.details = details_of([nodes.place for nodes in frames])
+        self.variance = joined("variance")
         self.range = joined("range")
-        self.log_scattered = np.concatenate(
-            [nodes.log_scattered for nodes in frames], axis=2)
+        self.log_scattered = np.concatenate([nodes.log_scattered for nodes in frames], axis=2)
         directions = joined("direction")
         points = directions * self.range[:, np.newaxis]
         self._colour = np.array([lamp.colour for lamp in lamps])
@@ -280,7 +268,7 @@ class _AtLamps:
             changes - changes.mean(axis=1, keepdims=True), full_matrices=False)
         return np.ascontiguousarray((left[:, :DIRECTIONS].T @ changes).T)
 
-    def model(self, attenuation: Array, clear_water: Array, day: Daylight) -> _Model:
+    def light(self, attenuation: Array, clear_water: Array, day: Daylight) -> _Light:
         """Light at attenuations (3,), of lamps and daylight; `clear_water` is κ, (3,)."""
         rough, _ = self.direct(attenuation, 0.0)
         lambertian, _ = self.direct(attenuation, 1.0)
@@ -306,10 +294,25 @@ class _AtLamps:
             particles = max(float((attenuation - clear_water).mean()), float(PARTICLES[0]))
             veil = log_day + np.log(DAYLIGHT_VEIL * (1.0 - left)) - _usual_scattering(particles)
             scattered, direct, daylight = np.logaddexp(scattered, veil), both, np.exp(log_day)
-        mean = path.mean(axis=1)
+        return _Light(direct, by_exponent, path, scattered, slope, daylight)
+
+    def changes(self, light: _Light, to_channels: Array) -> tuple[Array, Array]:
+        """Changes of ln D and of ln S by the parameters of `fit`, (N, 3, P) each.
+
+        `to_channels` (3, 2) makes changes of β of the first two.
+        """
+        mean = light.path.mean(axis=1)
         trend = (mean - mean.mean()) / max(float(mean.std()), 1e-6)
-        return _Model(
-            direct, by_exponent, path, scattered, slope, self.moved, self.course, trend, daylight)
+        moved, bent = self.moved.shape[1], self.course.shape[1]
+        direct, scattered = np.zeros((2, *light.path.shape, 9 + moved + bent))
+        direct[..., :2] = -light.path[..., np.newaxis] * to_channels
+        direct[..., 2] = light.by_exponent
+        direct[..., 3:3 + moved] = self.moved[:, np.newaxis]
+        direct[..., -3:] = trend[:, np.newaxis, np.newaxis] * np.eye(3)
+        scattered[..., :2] = light.slope[..., np.newaxis] * to_channels
+        scattered[..., 3 + moved:-6] = self.course[:, np.newaxis]
+        scattered[..., -6:-3] = np.eye(3)
+        return direct, scattered
 
 
 def _scaled(colour: tuple[float, float, float], by: float) -> tuple[float, float, float]:
@@ -338,29 +341,30 @@ class _Fit(NamedTuple):
 
 
 def _over_grid(
-    lamps: _AtLamps, details: Details, clear_water: Array, day: Daylight, fitted: Fitted
+    scene: _Scene, clear_water: Array, day: Daylight, fitted: Fitted
 ) -> list[_Fit]:
     """Fit the other unknowns over `PARTICLES`, each from its neighbours, denser at the best.
 
     Ground behind much scattered light and bare ground are two solutions for one frame. From one
     side only one of them is found.
     """
-    count = 9 + lamps.moved.shape[1] + lamps.course.shape[1]
 
     def fit_at(particles: float, start: _Fit | None) -> _Fit:
         apart = np.hypot(CHANNEL_DEVIATION * particles, CLEAR_WATER_DEVIATION * clear_water)
-        p, texture = np.zeros(count), np.zeros((details.levels, 3, 3))
+        to_channels = (_BETWEEN_CHANNELS * apart).T
+        light = scene.light(clear_water + particles, clear_water, day)
+        direct_by, scattered_by = scene.changes(light, to_channels)
+        p, texture = np.zeros(direct_by.shape[2]), np.zeros((scene.details.levels, 3, 3))
         if start is not None:
             p, texture = start.parameters.copy(), start.texture.copy()
-        precision = np.zeros((count, count))
-        evidence = fit(
-            lamps.scene, lamps.model(clear_water + particles, clear_water, day), details,
-            _BETWEEN_CHANNELS * apart, _usual_scattering(particles), fitted, p, texture, precision)
-        to_channels = (_BETWEEN_CHANNELS * apart).T
+        evidence, precision = fit(
+            scene.log_light, scene.variance, light.direct, direct_by,
+            light.scattered + _usual_scattering(particles), scattered_by, scene.details, fitted,
+            p, texture)
         if not math.isfinite(evidence):
             # It weighs nothing, and the next one starts anew.
-            evidence, p, precision = -np.inf, np.zeros(count), np.eye(count)
-            texture = np.zeros_like(texture)
+            evidence, precision = -math.inf, np.eye(len(p))
+            p[:], texture[:] = 0.0, 0.0
         covariance = np.linalg.inv(precision)
         return _Fit(
             particles, evidence,
@@ -389,7 +393,7 @@ def _expected(particles: float) -> float:
 
 
 def _summed(
-    grids: Sequence[list[_Fit]], days: Sequence[Daylight], lamps: _AtLamps, clear_water: Array,
+    grids: Sequence[list[_Fit]], days: Sequence[Daylight], scene: _Scene, clear_water: Array,
     seen: Mask, quantiles: Array,
 ) -> LampPosterior | None:
     """Sum the posterior over the grid, interpolated, and over kinds of daylight."""
@@ -407,18 +411,18 @@ def _summed(
     most = int(np.argmax(weight))
     grid, day = grids[most // FINE], days[most // FINE]
     best = min(grid, key=lambda each: abs(math.log(each.particles) - fine[most % FINE]))
-    p, model = best.parameters, lamps.model(best.attenuation, clear_water, day)
+    p, light = best.parameters, scene.light(best.attenuation, clear_water, day)
     amount = _usual_scattering(best.particles) + p[-6:-3]
-    direct = model.log_direct + model.by_exponent * p[2]
-    scattered = model.log_scattered + amount
-    log_level = np.median(lamps.scene.log_light - np.logaddexp(direct, scattered), axis=0)
+    direct = light.direct + light.by_exponent * p[2]
+    scattered = light.scattered + amount
+    log_level = np.median(scene.log_light - np.logaddexp(direct, scattered), axis=0)
     level = np.exp(log_level)
     # Images are restored as if the ground faced the lamps.
-    cosine = (USUAL_EXPONENT + p[2]) * model.by_exponent
+    cosine = (USUAL_EXPONENT + p[2]) * light.by_exponent
     facing = direct - cosine
     usual = level * np.exp(np.median(cosine, axis=0))
     with np.errstate(over="ignore", invalid="ignore"):
-        own = np.exp(lamps.scene.log_bright - facing) - np.exp(log_level + scattered - facing)
+        own = np.exp(scene.log_bright - facing) - np.exp(log_level + scattered - facing)
     power = usual / REFLECTANCE
     for c in range(3):
         clear = own[(direct[:, c] > scattered[:, c]) & np.isfinite(own[:, c]), c]
@@ -427,7 +431,7 @@ def _summed(
     return LampPosterior(
         middle, spread, _of_clearest(weight, mean, covariance, seen, quantiles),
         USUAL_EXPONENT + float(p[2]), power, level * np.exp(amount),
-        np.sqrt(best.scattering_variance), power * model.daylight * level / usual)
+        np.sqrt(best.scattering_variance), power * light.daylight * level / usual)
 
 
 def _interpolated(grid: list[_Fit], highest: float, fine: Array) -> tuple[Array, Array, Array]:
@@ -438,9 +442,6 @@ def _interpolated(grid: list[_Fit], highest: float, fine: Array) -> tuple[Array,
     nodes = np.log([each.particles for each in grid])
     covariance = np.array([
         each.covariance / np.outer(each.attenuation, each.attenuation) for each in grid])
-    low = np.clip(np.searchsorted(nodes, fine) - 1, 0, len(nodes) - 2)
-    step = nodes[low + 1] - nodes[low]
-    part = (fine - nodes[low]) / step
 
     def cubic(values: Array) -> Array:
         """Hermite's interpolation without overshoot.
@@ -448,23 +449,15 @@ def _interpolated(grid: list[_Fit], highest: float, fine: Array) -> tuple[Array,
         Slopes are harmonic means of those on both sides (Fritsch and Butland 1984,
         doi:10.1137/0905021).
         """
-        across = (slice(None), *[np.newaxis] * (values.ndim - 1))
-        t, h = part[across], step[across]
-        secant = np.diff(values, axis=0) / np.diff(nodes)[across]
+        secant = (np.diff(values, axis=0).T / np.diff(nodes)).T
         before, after = secant[:-1], secant[1:]
         alike = before * after > 0.0
-        slope = np.concatenate((
-            secant[:1],
-            np.where(alike, 2.0 * before * after / np.where(alike, before + after, 1.0), 0.0),
-            secant[-1:]))
-        return np.asarray(
-            values[low] + (values[low + 1] - values[low]) * t**2 * (3.0 - 2.0 * t)
-            + h * t * (1.0 - t) * (slope[low] * (1.0 - t) - slope[low + 1] * t))
+        slope = 2.0 * before * after / np.where(alike, before + after, 1.0)
+        slopes = np.concatenate((secant[:1], np.where(alike, slope, 0.0), secant[-1:]))
+        return np.asarray(CubicHermiteSpline(nodes, values, slopes)(fine))
 
     # A covariance stays one by linear interpolation.
-    share = part[:, np.newaxis, np.newaxis]
-    return (
-        cubic(evidence), cubic(mean), (1.0 - share) * covariance[low] + share * covariance[low + 1])
+    return cubic(evidence), cubic(mean), make_interp_spline(nodes, covariance, k=1)(fine)
 
 
 def _of_clearest(
@@ -484,47 +477,64 @@ def _of_clearest(
 
 @njit(nogil=True, error_model="numpy")
 def fit(
-    scene: Any, model: Any, details: Any, between_channels: Any, usual_scattering: float,
-    fitted: Any, p: Any, texture: Any, precision: Any,
-) -> float:
-    """Fit the unknowns beside the attenuation by particles; return the logarithm of evidence.
+    log_light: Any, variances: Any, log_direct: Any, direct_by: Any, log_scattered: Any,
+    scattered_by: Any, details: Any, fitted: Any, p: Any, texture: Any,
+) -> tuple[float, Any]:
+    """Fit the unknowns beside the attenuation by particles.
 
     Iterated weighted least squares of the details of ln E (Student's distribution: Lange, Little
     and Taylor 1989, doi:10.1080/01621459.1989.10478852), with the covariance of ln ρ of each scale
-    fitted along. `p` holds differences of β (2, in units of `between_channels`), the exponent's
-    departure, displacements of lamps (M), the course of scattered light (K), ln of its amount over
-    the usual one (3) and trends of ln ρ (3). `p`, `texture` (levels, 3, 3) and `precision` of `p`
-    are updated; textures of 0 are set first.
+    fitted along.
+
+    Parameters
+    ----------
+    log_light, variances, log_direct, log_scattered : (N, 3) float64 ndarray
+        ln E and its variance, ln D and ln s S.
+    direct_by, scattered_by : (N, 3, P) float64 ndarray
+        What these change by with `p`.
+    details : Details
+    fitted : Fitted
+    p : (P,) float64 ndarray
+        Differences of β (2), the exponent's departure, displacements of lamps (M), the course of
+        scattered light (K), ln of its amount over the usual one (3) and trends of ln ρ (3).
+        Updated.
+    texture : (L, 3, 3) float64 ndarray
+        Covariance of ln ρ of each scale; updated, and set first where it is 0.
+
+    Returns
+    -------
+    float
+        Logarithm of the evidence; NaN where the fit fails.
+    (P, P) float64 ndarray
+        Precision of `p`.
     """
-    number, count = scene.log_light.shape[0], len(p)
-    residual = np.empty((number, 3))
-    jacobian = np.empty((number, 3, count))
-    share = np.empty((number, 3))
-    prior = np.zeros((count, count))
-    slope = np.empty(count)
-    gathered, gathered_weight = np.empty_like(texture), np.empty(len(texture))
+    number, _, count = direct_by.shape
+    residual, share = np.empty((number, 3)), np.empty((number, 3))
+    jacobian = np.empty(direct_by.shape)
     r, own, noise = np.empty(3), np.empty(3), np.empty(3)
     x, wx = np.empty((3, count)), np.empty((3, count))
     variance, weight = np.empty((3, 3)), np.empty((3, 3))
-    likelihood = 0.0
     for step in range(MOST_STEPS):
-        _linearise(
-            scene, model, between_channels, usual_scattering, p, residual, jacobian, share)
+        for i in range(number):
+            for c in range(3):
+                direct, scattered = log_direct[i, c], log_scattered[i, c]
+                for j in range(count):
+                    direct += direct_by[i, c, j] * p[j]
+                    scattered += scattered_by[i, c, j] * p[j]
+                total = np.logaddexp(direct, scattered)
+                part = math.exp(direct - total)
+                residual[i, c], share[i, c] = log_light[i, c] - total, part * part
+                for j in range(count):
+                    jacobian[i, c, j] = (
+                        part * direct_by[i, c, j] + (1.0 - part) * scattered_by[i, c, j])
         if texture[0, 0, 0] <= 0.0:
-            _start_texture(residual, texture)
-        _expect(fitted, texture[-1] / number, prior)
-        for i in range(count):
-            slope[i] = 0.0
-            for j in range(count):
-                precision[i, j] = prior[i, j]
-                slope[i] -= prior[i, j] * p[j]
-        gathered[:] = 0.0
-        gathered_weight[:] = 0.0
-        likelihood = 0.0
+            texture[:] = _first_texture(residual)
+        prior = _expect(fitted, texture[-1] / number, count)
+        precision, slope, likelihood = prior.copy(), -prior @ p, 0.0
+        gathered, gathered_weight = np.zeros_like(texture), np.zeros(len(texture))
         for row in range(len(details.level)):
             level = details.level[row]
-            _take(scene.variance, residual, jacobian, share, details, row, r, x, own, noise)
-            noise += MODEL_DEVIATION**2
+            _take(variances, residual, jacobian, share, details, row, r, x, own, noise)
             scale, relative = 0.0, 0.0
             for c in range(3):
                 scale += texture[level, c, c] / 3.0
@@ -555,115 +565,48 @@ def fit(
             for c in range(3):
                 for j in range(3):
                     gathered[level, c, j] += robust * part * r[c] * r[j] / (own[c] * own[j])
-        for i in range(count):
-            for j in range(i):
-                precision[j, i] = precision[i, j]
+        precision = np.tril(precision) + np.tril(precision, -1).T
         if not (np.isfinite(slope).all() and np.isfinite(precision).all()):
-            return math.nan
+            return math.nan, precision
         change = np.linalg.solve(precision, slope)
         if step == MOST_STEPS - 1 or np.abs(change).max() < CONVERGED:
             break
-        for i in range(count):
-            p[i] += min(max(change[i], -LARGEST_STEP), LARGEST_STEP)
+        p += np.minimum(np.maximum(change, -LARGEST_STEP), LARGEST_STEP)
         _update_texture(gathered, gathered_weight, texture)
-    expected = 0.0
-    for i in range(count):
-        for j in range(count):
-            expected += p[i] * prior[i, j] * p[j]
-    return fitted.evidence * likelihood - 0.5 * expected - 0.5 * (
-        np.linalg.slogdet(precision)[1] - np.linalg.slogdet(prior)[1])
+    evidence = fitted.evidence * likelihood - 0.5 * (
+        p @ prior @ p + np.linalg.slogdet(precision)[1] - np.linalg.slogdet(prior)[1])
+    return evidence, precision
 
 
 @njit(nogil=True, error_model="numpy")
-def _linearise(
-    scene: Any, model: Any, between_channels: Any, usual_scattering: float, p: Any, residual: Any,
-    jacobian: Any, share: Any,
-) -> None:
-    """Residuals of ln E, what `p` changes the model by, and the squared share of direct light."""
-    moved, bent = model.moved.shape[1], model.course.shape[1]
-    course = 3 + moved
-    amount, trend = course + bent, course + bent + 3
-    jacobian[:] = 0.0
-    for i in range(len(residual)):
-        shift, bend = 0.0, 0.0
-        for m in range(moved):
-            shift += model.moved[i, m] * p[3 + m]
-        for m in range(bent):
-            bend += model.course[i, m] * p[course + m]
-        for c in range(3):
-            departure = between_channels[0, c] * p[0] + between_channels[1, c] * p[1]
-            direct = (
-                model.log_direct[i, c] + model.by_exponent[i, c] * p[2] + shift
-                - model.path[i, c] * departure + model.trend[i] * p[trend + c])
-            scattered = (
-                model.log_scattered[i, c] + model.slope[i, c] * departure + usual_scattering
-                + bend + p[amount + c])
-            top = max(direct, scattered)
-            total = top + math.log(math.exp(direct - top) + math.exp(scattered - top))
-            own = math.exp(direct - total)
-            residual[i, c] = scene.log_light[i, c] - total
-            share[i, c] = own * own
-            by_departure = -own * model.path[i, c] + (1.0 - own) * model.slope[i, c]
-            jacobian[i, c, 0] = by_departure * between_channels[0, c]
-            jacobian[i, c, 1] = by_departure * between_channels[1, c]
-            jacobian[i, c, 2] = own * model.by_exponent[i, c]
-            for m in range(moved):
-                jacobian[i, c, 3 + m] = own * model.moved[i, m]
-            for m in range(bent):
-                jacobian[i, c, course + m] = (1.0 - own) * model.course[i, m]
-            jacobian[i, c, amount + c] = 1.0 - own
-            jacobian[i, c, trend + c] = own * model.trend[i]
-
-
-@njit(nogil=True, error_model="numpy")
-def _start_texture(residual: Any, texture: Any) -> None:
-    """Texture of every scale by the nodes' robust deviation, common to channels and of each."""
-    number = len(residual)
-    common, colour = np.empty(number), np.empty(3 * number)
-    middle = np.array([np.median(residual[:, c]) for c in range(3)])
-    for i in range(number):
-        mean = 0.0
-        for c in range(3):
-            mean += (residual[i, c] - middle[c]) / 3.0
-        common[i] = abs(mean)
-        for c in range(3):
-            colour[3 * i + c] = abs(residual[i, c] - middle[c] - mean)
-    # Of a normal distribution, 1.48 median absolute deviations are one standard deviation.
-    both = 0.5 * (1.48 * np.median(common)) ** 2 + 1e-3
-    alone = (1.48 * np.median(colour)) ** 2 + 1e-4
-    for level in range(len(texture)):
-        for c in range(3):
-            for j in range(3):
-                texture[level, c, j] = both + (alone if c == j else 0.0)
-
-
-@njit(nogil=True, error_model="numpy")
-def _expect(fitted: Any, texture: Any, prior: Any) -> None:
-    """Precision of the parameters beforehand; `texture` is that of trends along nodes."""
-    count = len(prior)
-    prior[:] = 0.0
-    for i in range(count):
-        prior[i, i] = 1.0
-    prior[2, 2] = 1.0 / EXPONENT_DEVIATION**2
-    common, variance = 0.0, 0.0
+def _first_texture(residual: Any) -> Any:
+    """Texture by the nodes' robust deviation, common to channels and of each."""
+    away = np.empty_like(residual)
     for c in range(3):
-        variance += texture[c, c] / 3.0
-        for j in range(c):
-            common += texture[c, j] / 3.0
-    common = max(common, 0.0)
-    _alike(prior, count - 6, SCATTERING_DEVIATION**2, OF_CHANNELS**2)
-    _alike(
-        prior, count - 3, fitted.trend**2 * (common + LEAST_TEXTURE),
-        fitted.trend**2 * (max(variance - common, 0.0) + LEAST_TEXTURE))
+        away[:, c] = residual[:, c] - np.median(residual[:, c])
+    common = away.sum(axis=1) / 3.0
+    # Of a normal distribution, 1.48 median absolute deviations are one standard deviation.
+    both = 0.5 * (1.48 * np.median(np.abs(common))) ** 2 + 1e-3
+    alone = (1.48 * np.median(np.abs(away - common.reshape(-1, 1)))) ** 2 + 1e-4
+    return both + alone * np.eye(3)
 
 
 @njit(nogil=True, error_model="numpy")
-def _alike(prior: Any, first: int, common: float, alone: float) -> None:
-    """Precision of three parameters with a variance in common and one of each."""
-    for i in range(3):
-        for j in range(3):
-            prior[first + i, first + j] = (
-                (1.0 if i == j else 0.0) - common / (alone + 3.0 * common)) / alone
+def _expect(fitted: Any, texture: Any, count: int) -> Any:
+    """Precision of the parameters beforehand; `texture` is that of trends along nodes."""
+    prior = np.eye(count)
+    prior[2, 2] = 1.0 / EXPONENT_DEVIATION**2
+    common = max((texture[1, 0] + texture[2, 0] + texture[2, 1]) / 3.0, 0.0)
+    alone = max(np.trace(texture) / 3.0 - common, 0.0)
+    trend = fitted.trend**2
+    # Three parameters each, with a variance in common and one of each.
+    for first, shared, own in (
+        (count - 6, SCATTERING_DEVIATION**2, OF_CHANNELS**2),
+        (count - 3, trend * (common + LEAST_TEXTURE), trend * (alone + LEAST_TEXTURE)),
+    ):
+        prior[first:first + 3, first:first + 3] = (
+            np.eye(3) - shared / (own + 3.0 * shared)) / own
+    return prior
 
 
 @njit(nogil=True, error_model="numpy")
@@ -672,21 +615,16 @@ def _take(
     x: Any, own: Any, noise: Any,
 ) -> None:
     """Residual, Jacobian, share of direct light and variance by noise of a detail."""
-    count = x.shape[1]
-    for c in range(3):
-        r[c] = own[c] = noise[c] = 0.0
-        for j in range(count):
-            x[c, j] = 0.0
+    r[:], own[:], noise[:], x[:] = 0.0, LEAST_SHARE, MODEL_DEVIATION**2, 0.0
     for k in range(details.first[row], details.first[row + 1]):
         node, weight = details.node[k], details.weight[k]
         for c in range(3):
             r[c] += weight * residual[node, c]
             own[c] += weight * weight * share[node, c]
             noise[c] += weight * weight * variances[node, c]
-            for j in range(count):
+            for j in range(x.shape[1]):
                 x[c, j] += weight * jacobian[node, c, j]
-    for c in range(3):
-        own[c] = math.sqrt(own[c] + LEAST_SHARE)
+    own[:] = np.sqrt(own)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -694,24 +632,17 @@ def _update_texture(gathered: Any, weight: Any, texture: Any) -> None:
     """Covariance of each scale: what was gathered, and the next finer one with its growth."""
     growth = GROWTH
     for level in range(len(texture)):
-        before, now = 0.0, 0.0
-        degrees = GROWTH_WEIGHT if level > 0 else 0.0
-        for c in range(3):
-            for j in range(3):
-                finer = texture[level - 1, c, j] * growth if level > 0 else 0.0
-                least = LEAST_TEXTURE if c == j else 0.0
-                texture[level, c, j] = (gathered[level, c, j] + degrees * finer + least) / (
-                    weight[level] + degrees + 1.0)
-            if level > 0:
-                before += texture[level - 1, c, c]
-            now += texture[level, c, c]
-        # Differences of means are weighted by the root of their number of nodes.
-        most = 3.0 * MOST_TEXTURE * 4.0**level
-        if now > most:
-            texture[level] *= most / now
-            now = most
+        texture[level] = gathered[level] + LEAST_TEXTURE * np.eye(3)
+        degrees = 0.0
         if level > 0:
-            growth = min(max(now / before, 1.0), MOST_GROWTH)
+            degrees = GROWTH_WEIGHT
+            texture[level] += degrees * growth * texture[level - 1]
+        texture[level] /= weight[level] + degrees + 1.0
+        # Differences of means are weighted by the root of their number of nodes.
+        texture[level] *= min(1.0, 3.0 * MOST_TEXTURE * 4.0**level / np.trace(texture[level]))
+        if level > 0:
+            growth = np.trace(texture[level]) / np.trace(texture[level - 1])
+            growth = min(max(growth, 1.0), MOST_GROWTH)
 
 
 @njit(nogil=True, error_model="numpy")
