@@ -23,6 +23,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
 from uw_visibility.optics.lamps import across, vector
 from uw_visibility.water.lamps import track_fit
+from uw_visibility.water.lamps.light import Ways
 from uw_visibility.water.lamps.tracks import Sightings
 
 # Sightings that are fitted at most, and at least.
@@ -101,15 +102,13 @@ class _Model:
         self.beamed = any(lamp.beam_angle < ISOTROPIC for lamp in lamps)
         sizes = (3 * count, 2 * count, int(self.beamed), count - 1, 1, 3, 3)
         ends = np.cumsum(sizes)
-        self.places, self.tilts, self.beam, self.ratios, _, self.beta, self.scattering = (
-            slice(b - a, b) for a, b in zip(sizes, ends, strict=True))
-        # What tracks are fitted by under known lamps.
-        self.water = slice(-len(track_fit.START), None)
+        (self.places, self.tilts, self.beam, self.ratios, self.exponent, self.beta,
+         self.scattering) = (slice(b - a, b) for a, b in zip(sizes, ends, strict=True))
         self.mean, self.stddev = np.zeros(ends[-1]), np.full(ends[-1], np.inf)
         for part, mean, stddev in (
             (self.places, np.ravel([lamp.position for lamp in lamps]), PLACE),
             (self.tilts, 0.0, AXIS), (self.beam, 0.0, BEAM), (self.ratios, 0.0, RATIO),
-            (self.water, track_fit.START, track_fit.DEVIATION),
+            (slice(-len(track_fit.START), None), track_fit.START, track_fit.DEVIATION),
         ):
             self.mean[part], self.stddev[part] = mean, stddev
 
@@ -138,10 +137,12 @@ class _Model:
 
     def parted(self, p: Array) -> tuple[Array, Array]:
         """D, and E − s S, which is limited from below, each (N, 3)."""
-        by_lamps = track_fit.Light(self.cells, self.found(p))
-        direct, *_ = by_lamps.direct(p[self.water])
-        scattered, _ = by_lamps.scattered(p[self.water])
-        light = self.cells.light
+        cells, light, beta, lamps = (
+            self.cells, self.cells.light, np.exp(p[self.beta]), self.found(p))
+        direct, _, _ = Ways.by_ground(cells.direction, cells.range, cells.normal, lamps).sum(
+            beta, p[self.exponent][0])
+        scattered, _, _ = Ways.by_water(
+            cells.direction, cells.range, lamps, track_fit.STEPS).sum(beta)
         s = track_fit.scattering_factor(light, direct, p[self.beta], p[self.scattering])
         return direct, np.maximum(light - s * scattered, track_fit.OWN_PART * light)
 
@@ -228,15 +229,9 @@ def _assembled(
         (model.residuals(p + step) - model.residuals(p - step)) / (2e-4 * scatter)
         for step in 1e-4 * np.eye(len(p))], axis=2)
     # Of the loss: its score, and the curvature that its weights leave.
-    weight = charbonnier_weight(residual)
-    prior = np.diag(1.0 / model.stddev**2)
-    square = np.einsum("nc,nci,ncj->ij", weight, jacobian, jacobian, optimize=True)
-    bread = np.linalg.inv(square / track_fit.TOGETHER**2 + prior)
-    score = np.einsum("nc,nci->ni", weight * residual, jacobian) / track_fit.TOGETHER**2
-    summed = np.zeros((int(group.max()) + 1, len(p)))
-    np.add.at(summed, group, score)
-    # Neighbouring sightings and the channels share errors of range and ground.
-    covariance = bread @ (summed.T @ summed + prior) @ bread
+    bread, covariance = track_fit.sandwich(
+        jacobian, charbonnier_weight(residual) / track_fit.TOGETHER**2, residual, group,
+        1.0 / model.stddev**2)
     covariance = np.maximum(np.diag(covariance), np.diag(bread))
     deviation = np.sqrt(covariance)
     places = np.hypot(deviation[model.places], math.hypot(spread, PLACE_ERROR)).reshape(-1, 3)

@@ -32,7 +32,8 @@ from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 from uw_visibility.compute.jit import njit
 from uw_visibility.config.lighting import Lamp, LightingConfig
 from uw_visibility.images.arrays import Array, Mask
-from uw_visibility.optics.lamps import ATTENUATIONS, between, displaced, incidence, shine
+from uw_visibility.optics.lamps import ATTENUATIONS, between, displaced, vector
+from uw_visibility.water.lamps.light import Ways
 from uw_visibility.water.lamps.nodes import Nodes, details_of
 
 # Attenuation by particles, 1/m: the grid, and median and deviation of its logarithm beforehand
@@ -208,58 +209,31 @@ class _Scene:
         self.variance = joined("variance")
         self.range = joined("range")
         self.log_scattered = np.concatenate([nodes.log_scattered for nodes in frames], axis=2)
-        directions = joined("direction")
-        points = directions * self.range[:, np.newaxis]
-        self._colour = np.array([lamp.colour for lamp in lamps])
-        self._lit, self._way, self._log_cosine = (np.array(each) for each in zip(*(
-            self._shine(points, directions, joined("normal"), lamp)
-            for lamp in lamps), strict=True))
-        self.moved = self._main_directions(points, directions, lamps, lighting)
+        directions, normals = joined("direction"), joined("normal")
+        self._ground = Ways.by_ground(directions, self.range, normals, lamps)
+        self.moved = self._main_directions(directions, normals, lamps, lighting)
         course = np.column_stack((np.log(self.range), directions[:, :2]))
         course -= course.mean(axis=0)
         self.course = COURSE_DEVIATION * course / np.maximum(course.std(axis=0), 1e-6)
 
-    def _shine(
-        self, points: Array, directions: Array, normals: Array, lamp: Lamp
-    ) -> tuple[Array, Array, Array]:
-        """g/r², the path r + d and the logarithm of the cosine of incidence, (N,) each."""
-        r, lit, _ = (each[:, 0] for each in shine(points[:, np.newaxis], directions, lamp))
-        return lit, r + self.range, np.log(incidence(points, normals, lamp, r))
-
-    def direct(self, attenuation: Array, exponent: float) -> tuple[Array, Array]:
-        """ln D and the mean path at attenuations (3,), (N, 3) each."""
-        light = self._lit * np.exp(exponent * self._log_cosine)
-        parts = self._colour[:, np.newaxis] * light[..., np.newaxis] * np.exp(
-            -attenuation * self._way[..., np.newaxis])
-        total = parts.sum(axis=0) + 1e-30
-        return np.log(total), (parts * self._way[..., np.newaxis]).sum(axis=0) / total
-
     def _main_directions(
-        self, points: Array, directions: Array, lamps: list[Lamp], lighting: LightingConfig
+        self, directions: Array, normals: Array, lamps: list[Lamp], lighting: LightingConfig
     ) -> Array:
         """Main directions of ln D of lamps that are off by a standard deviation each, (N, M)."""
-        weight = np.exp(USUAL_EXPONENT * self._log_cosine)
 
-        def light_of(lamp: Lamp, facing: Array) -> Array:
-            r, lit, _ = (each[:, 0] for each in shine(points[:, np.newaxis], directions, lamp))
-            return np.asarray(
-                np.mean(lamp.colour) * facing * lit * np.exp(-math.exp(USUAL_PARTICLES) * r))
-
-        told = [light_of(lamp, facing) for lamp, facing in zip(lamps, weight, strict=True)]
-
-        def log_direct(others: list[Lamp]) -> Array:
-            total = np.zeros(len(points))
-            # In most rigs one lamp differs from those that are told.
-            for lamp, other, light, facing in zip(lamps, others, told, weight, strict=True):
-                total += light if other is lamp else light_of(other, facing)
-            return np.log(total + 1e-30)
+        def log_direct(rig: list[Lamp]) -> Array:
+            ways = Ways.by_ground(directions, self.range, normals, rig)
+            grey = ways._replace(
+                colour=ways.colour.mean(axis=1, keepdims=True), log_cosine=self._ground.log_cosine)
+            light, _, _ = grey.sum(np.exp([USUAL_PARTICLES]), USUAL_EXPONENT)
+            return np.log(light[:, 0])
 
         rigs = displaced(lamps, lighting.position_stddev, lighting.direction_stddev)
         rigs.append([
             lamp._replace(beam_angle=min(lamp.beam_angle * (1.0 + BEAM_DEVIATION), 360.0))
             for lamp in lamps])
         for i, lamp in enumerate(lamps if len(lamps) > 1 else []):
-            stronger = lamp._replace(colour=_scaled(lamp.colour, 1.0 + POWER_DEVIATION))
+            stronger = lamp._replace(colour=vector((1.0 + POWER_DEVIATION) * np.array(lamp.colour)))
             rigs.append([*lamps[:i], stronger, *lamps[i + 1 :]])
         first = log_direct(lamps)
         changes = np.array([log_direct(rig) - first for rig in rigs])
@@ -270,10 +244,10 @@ class _Scene:
 
     def light(self, attenuation: Array, clear_water: Array, day: Daylight) -> _Light:
         """Light at attenuations (3,), of lamps and daylight; `clear_water` is κ, (3,)."""
-        rough, _ = self.direct(attenuation, 0.0)
-        lambertian, _ = self.direct(attenuation, 1.0)
+        rough, lambertian = (
+            np.log(self._ground.sum(attenuation, exponent)[0]) for exponent in (0.0, 1.0))
         by_exponent = lambertian - rough
-        _, path = self.direct(attenuation, USUAL_EXPONENT)
+        _, path, _ = self._ground.sum(attenuation, USUAL_EXPONENT)
         direct = rough + USUAL_EXPONENT * by_exponent
         low, part, step = between(np.clip(attenuation, ATTENUATIONS[0], ATTENUATIONS[-1]))
         channel = np.arange(3)
@@ -294,7 +268,8 @@ class _Scene:
             particles = max(float((attenuation - clear_water).mean()), float(PARTICLES[0]))
             veil = log_day + np.log(DAYLIGHT_VEIL * (1.0 - left)) - _usual_scattering(particles)
             scattered, direct, daylight = np.logaddexp(scattered, veil), both, np.exp(log_day)
-        return _Light(direct, by_exponent, path, scattered, slope, daylight)
+        return _Light(*map(np.ascontiguousarray, (
+            direct, by_exponent, path, scattered, slope, daylight)))
 
     def changes(self, light: _Light, to_channels: Array) -> tuple[Array, Array]:
         """Changes of ln D and of ln S by the parameters of `fit`, (N, 3, P) each.
@@ -313,10 +288,6 @@ class _Scene:
         scattered[..., 3 + moved:-6] = self.course[:, np.newaxis]
         scattered[..., -6:-3] = np.eye(3)
         return direct, scattered
-
-
-def _scaled(colour: tuple[float, float, float], by: float) -> tuple[float, float, float]:
-    return colour[0] * by, colour[1] * by, colour[2] * by
 
 
 def _usual_scattering(particles: float) -> float:

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from uw_visibility.compute.robust import charbonnier_weight, median_deviation
 from uw_visibility.config.lighting import Lamp, LightingConfig
 from uw_visibility.images.arrays import Array, Mask
-from uw_visibility.optics.lamps import displaced, incidence, phase_function, shine
+from uw_visibility.optics.lamps import displaced
+from uw_visibility.water.lamps.light import Ways
 from uw_visibility.water.lamps.posterior import (
     ALBEDO,
     EXPONENT_DEVIATION,
@@ -78,11 +79,12 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
     if len(cells.range) < FEWEST_SIGHTINGS:
         return None
     lamps = list(lighting.lamps())
-    light = Light(cells, lamps)
+    ground = _ways_by_patches(cells, lamps)
+    water = Ways.by_water(cells.direction, cells.range, lamps, STEPS)
     p = START
     scatter = SCATTER
     for _ in range(ITERATIONS):
-        residual, jacobian, clear = light.residuals(p)
+        residual, jacobian, clear = _residuals(cells, ground, water, p)
         if clear.sum() < 3 * FEWEST_SIGHTINGS:
             return None
         scatter = max(median_deviation(residual[clear]), LEAST_SCATTER)
@@ -96,18 +98,14 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
             break
     if scatter > MOST_SCATTER:
         return None
-    bread = np.linalg.inv(curvature)
-    score = np.einsum("nci,nc->ni", jacobian, weight * residual)
-    summed = np.zeros((int(group.max()) + 1, 7))
-    # Neighbouring sightings and the channels share errors of range and ground.
-    np.add.at(summed, group, score)
-    covariance = bread @ (summed.T @ summed + np.diag(_PRIOR)) @ bread
+    bread, covariance = sandwich(jacobian, weight, residual, group, _PRIOR)
+    beta = np.exp(p[_BETA])
+    direct, _, _ = ground.sum(beta, p[0])
     for moved in displaced(lamps, lighting.position_stddev, lighting.direction_stddev):
-        ratio = Light(cells, moved, steps=1).direct(p)[0] / light.direct(p)[0]
-        change = less_means(np.log(ratio), cells.track, clear)
+        other, _, _ = _ways_by_patches(cells, moved).sum(beta, p[0])
+        change = less_means(np.log(other / direct), cells.track, clear)
         shift = bread @ np.einsum("nci,nc,nc->i", jacobian, weight, change, optimize=True)
         covariance += np.outer(shift, shift)
-    beta = np.exp(p[_BETA])
     found = np.outer(beta, beta) * covariance[_BETA, _BETA]
     return TrackFit(beta, found + TREND**2 + CHANNEL_TREND**2 * np.eye(3), len(cells.range))
 
@@ -120,75 +118,28 @@ DEVIATION = np.array([EXPONENT_DEVIATION, *[ATTENUATION] * 3, *[SCATTERING] * 3]
 _PRIOR = 1.0 / DEVIATION**2
 
 
-class Light:
-    """Light of known lamps at sightings, over attenuation and the exponent of incidence."""
+def _residuals(
+    cells: Sightings, ground: Ways, water: Ways, p: Array
+) -> tuple[Array, Array, Mask]:
+    """Residuals ln (E − s S) − ln D less their track's mean, Jacobian, and clear sightings.
 
-    def __init__(self, cells: Sightings, lamps: Sequence[Lamp], steps: int = STEPS) -> None:
-        self._cells = cells
-        nodes, weights = np.polynomial.legendre.leggauss(steps)
-        distance = cells.range[:, np.newaxis]
-        along = 0.5 * (nodes + 1) * distance
-        # Of each lamp: g/r² and path on the ground, logarithm of the cosine, and the same of
-        # the water in front of it, with its phase function and the weights of the integral.
-        self._surface, self._water = [], []
-        patch = _patch(cells)
-        before = cells.direction[:, np.newaxis] * along[..., np.newaxis]
-        for lamp in lamps:
-            for direction, far in patch:
-                points = direction * far[:, np.newaxis]
-                r, lit, _ = (each[:, 0] for each in shine(points[:, np.newaxis], direction, lamp))
-                cosine = incidence(points, cells.normal, lamp, r)
-                self._surface.append((
-                    np.array(lamp.colour) / len(patch), lit, r + far, np.log(cosine)))
-            r, lit, forward = shine(before, cells.direction, lamp)
-            back = lit * phase_function(forward) * 0.5 * weights * distance
-            self._water.append((np.array(lamp.colour), back, r + along))
-
-    def direct(self, p: Array) -> tuple[Array, Array, Array]:
-        """D, its mean path and its mean logarithm of the cosine, each (N, 3)."""
-        total, path, cosine = np.zeros((3, len(self._cells.range), 3))
-        for colour, lit, way, log_cosine in self._surface:
-            facing = lit * np.exp(p[0] * log_cosine)
-            for c, beta in enumerate(np.exp(p[_BETA])):
-                part = colour[c] * facing * np.exp(-beta * way)
-                total[:, c] += part
-                path[:, c] += part * way
-                cosine[:, c] += part * log_cosine
-        total += 1e-12
-        return total, path / total, cosine / total
-
-    def scattered(self, p: Array) -> tuple[Array, Array]:
-        """S and its mean path, each (N, 3)."""
-        total, path = np.zeros((2, len(self._cells.range), 3))
-        for colour, back, way in self._water:
-            for c, beta in enumerate(np.exp(p[_BETA])):
-                part = colour[c] * back * np.exp(-beta * way)
-                total[:, c] += part.sum(axis=1)
-                path[:, c] += np.einsum("ns,ns->n", part, way)
-        return total, path / np.maximum(total, 1e-30)
-
-    def residuals(self, p: Array) -> tuple[Array, Array, Mask]:
-        """Residuals ln (E − s S) − ln D less their track's mean, Jacobian, and clear sightings.
-
-        (N, 3), (N, 3, 7) and (N, 3).
-        """
-        light, beta = self._cells.light, np.exp(p[_BETA])
-        direct, path, cosine = self.direct(p)
-        scattered, path_scattered = self.scattered(p)
-        added = scattering_factor(light, direct, p[_BETA], p[_SCATTERING]) * scattered
-        clear = light - added > CLEAR_PART * light
-        own = np.where(clear, light - added, light)
-        share = np.where(clear, added / own, 0.0)
-        jacobian = np.zeros((*light.shape, 7))
-        jacobian[..., 0] = -cosine + share * cosine.mean(axis=0)
-        # Power follows attenuation, for what is seen stays as it is.
-        by_beta = path - share * (1.0 / beta + path.mean(axis=0) - path_scattered)
-        for c in range(3):
-            jacobian[:, c, 1 + c] = by_beta[:, c] * beta[c]
-            jacobian[:, c, 4 + c] = -share[:, c]
-        track = self._cells.track
-        residual = less_means(np.log(own / direct), track, clear)
-        return residual, less_means(jacobian, track, clear), clear
+    (N, 3), (N, 3, 7) and (N, 3).
+    """
+    light, beta = cells.light, np.exp(p[_BETA])
+    direct, path, cosine = ground.sum(beta, p[0])
+    scattered, path_scattered, _ = water.sum(beta)
+    added = scattering_factor(light, direct, p[_BETA], p[_SCATTERING]) * scattered
+    clear = light - added > CLEAR_PART * light
+    own = np.where(clear, light - added, light)
+    share = np.where(clear, added / own, 0.0)
+    jacobian = np.zeros((*light.shape, 7))
+    jacobian[..., 0] = -cosine + share * cosine.mean(axis=0)
+    # Power follows attenuation, for what is seen stays as it is.
+    by_beta = path - share * (1.0 / beta + path.mean(axis=0) - path_scattered)
+    jacobian[..., _BETA] = (by_beta * beta)[..., np.newaxis] * np.eye(3)
+    jacobian[..., _SCATTERING] = -share[..., np.newaxis] * np.eye(3)
+    residual = less_means(np.log(own / direct), cells.track, clear)
+    return residual, less_means(jacobian, cells.track, clear), clear
 
 
 def scattering_factor(
@@ -223,20 +174,38 @@ def less_means(values: Array, track: NDArray[np.int64], clear: Mask) -> Array:
     return out.reshape(values.shape)
 
 
-def _patch(cells: Sightings) -> list[tuple[Array, Array]]:
-    """Directions and ranges of four points of each patch, whose mean is that of the patch."""
-    out = []
+def _ways_by_patches(cells: Sightings, lamps: Sequence[Lamp]) -> Ways:
+    """Ways by four points of each patch of ground, whose mean is that of the patch."""
+    parts = []
     height = np.einsum("nk,nk->n", cells.direction, cells.normal) * cells.range
+    # Nodes of Gauss and Legendre's rule.
+    step = cells.spread / math.sqrt(3.0)
     for x, y in itertools.product((-1.0, 1.0), repeat=2):
         away = cells.direction.copy()
-        # Nodes of Gauss and Legendre's rule.
-        step = cells.spread / math.sqrt(3.0)
         away[:, 0] += x * step
         away[:, 1] += y * step
         away /= np.linalg.norm(away, axis=1, keepdims=True)
         slope = np.minimum(np.einsum("nk,nk->n", away, cells.normal), -0.02)
-        out.append((away, np.minimum(height / slope, 3.0 * cells.range)))
-    return out
+        far = np.minimum(height / slope, 3.0 * cells.range)
+        parts.append(Ways.by_ground(away, far, cells.normal, lamps))
+    ways = Ways(*map(np.concatenate, zip(*parts, strict=True)))
+    return ways._replace(colour=ways.colour / len(parts))
+
+
+def sandwich(
+    jacobian: Array, weight: Array, residual: Array, group: NDArray[np.int64], prior: Array
+) -> tuple[Array, Array]:
+    """Inverse curvature and covariance of a weighted fit whose errors are alike within groups.
+
+    Jacobian (N, 3, P), weights and residuals (N, 3), groups (N,) and the precision beforehand,
+    (P,); neighbouring sightings and the channels share errors of range and ground. Returns (P, P)
+    each (Huber 1967).
+    """
+    curvature = np.einsum("nci,nc,ncj->ij", jacobian, weight, jacobian, optimize=True)
+    bread = np.linalg.inv(curvature + np.diag(prior))
+    summed = np.zeros((int(group.max()) + 1, len(prior)))
+    np.add.at(summed, group, np.einsum("nci,nc->ni", jacobian, weight * residual))
+    return bread, bread @ (summed.T @ summed + np.diag(prior)) @ bread
 
 
 def pool_tracks(frames: Sequence[Sightings], most: int) -> tuple[Sightings, NDArray[np.int64]]:

@@ -1,0 +1,82 @@
+# Copyright 2026 the uw_visibility developers
+# SPDX-License-Identifier: Apache-2.0
+"""Light of lamps along the ways that it takes through water to the camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from uw_visibility.config.lighting import Lamp
+from uw_visibility.images.arrays import Array
+from uw_visibility.optics.lamps import incidence, phase_function, shine
+
+
+class Ways(NamedTuple):
+    """K ways of light to each of N places and on to the camera.
+
+    Attributes
+    ----------
+    colour : (K, 3) float64 ndarray
+        Relative power of the lamp in R, G, B.
+    light : (K, N) float64 ndarray
+        g/r², of water with its phase function and the length of its line of sight, m.
+    path : (K, N) float64 ndarray
+        From the lamp to the camera, m.
+    log_cosine : (K, N) float64 ndarray
+        Logarithm of the cosine of incidence; 0 for water.
+    """
+
+    colour: Array
+    light: Array
+    path: Array
+    log_cosine: Array
+
+    @classmethod
+    def by_ground(
+        cls, directions: Array, distance: Array, normals: Array, lamps: Sequence[Lamp]
+    ) -> Ways:
+        """Ways by ground at unit directions (N, 3), ranges (N,), m, with unit normals (N, 3)."""
+        points = directions * distance[:, np.newaxis]
+        light, path, log_cosine = [], [], []
+        for lamp in lamps:
+            r, lit, _ = (each[:, 0] for each in shine(points[:, np.newaxis], directions, lamp))
+            light.append(lit)
+            path.append(r + distance)
+            log_cosine.append(np.log(incidence(points, normals, lamp, r)))
+        return cls(
+            np.array([lamp.colour for lamp in lamps]), np.array(light), np.array(path),
+            np.array(log_cosine))
+
+    @classmethod
+    def by_water(
+        cls, directions: Array, distance: Array, lamps: Sequence[Lamp], steps: int
+    ) -> Ways:
+        """Ways by the water before ground; the integral takes some steps (Gauss and Legendre)."""
+        nodes, weights = np.polynomial.legendre.leggauss(steps)
+        along = 0.5 * (nodes + 1) * distance[:, np.newaxis]
+        points = directions[:, np.newaxis] * along[..., np.newaxis]
+        light, path = [], []
+        for lamp in lamps:
+            r, lit, forward = shine(points, directions, lamp)
+            light.append((lit * phase_function(forward) * 0.5 * weights * distance[:, None]).T)
+            path.append((r + along).T)
+        return cls(
+            np.repeat([lamp.colour for lamp in lamps], steps, axis=0), np.concatenate(light),
+            np.concatenate(path), np.zeros((len(lamps) * steps, len(distance))))
+
+    def sum(self, attenuation: Array, exponent: float = 0.0) -> tuple[Array, Array, Array]:
+        """Light by all ways, its mean path and its mean logarithm of the cosine, (N, 3) each.
+
+        `attenuation` is β, (3,), 1/m; `exponent` that of the cosine.
+        """
+        light = self.light * np.exp(exponent * self.log_cosine)
+        total, path, log_cosine = np.empty((3, len(attenuation), self.light.shape[1]))
+        for c, beta in enumerate(attenuation):
+            parts = self.colour[:, c, np.newaxis] * light * np.exp(-beta * self.path)
+            total[c] = parts.sum(axis=0) + 1e-30
+            path[c] = (parts * self.path).sum(axis=0)
+            log_cosine[c] = (parts * self.log_cosine).sum(axis=0)
+        return total.T, (path / total).T, (log_cosine / total).T
