@@ -80,15 +80,9 @@ class LampTables(NamedTuple):
 
     def at(self, attenuation: Array) -> tuple[Table, Table]:
         """ln D and ln S at attenuations (3,), 1/m, each (3, Y, X, R) float32."""
-        beta = np.clip(np.nan_to_num(attenuation), ATTENUATIONS[0], ATTENUATIONS[-1])
-        low, share, _ = between(beta)
-        share = share.astype(np.float32)[:, None, None, None]
-        channel = np.arange(3)
-
-        def mix(table: Table) -> Table:
-            return np.asarray((1 - share) * table[low, channel] + share * table[low + 1, channel])
-
-        return mix(self.log_direct), mix(self.log_scattered)
+        return (
+            at_attenuation(self.log_direct, attenuation),
+            at_attenuation(self.log_scattered, attenuation))
 
     def by_range(self, attenuation: Array) -> DirectLight:
         """Direct light over range alone, at attenuations (3,), 1/m."""
@@ -155,6 +149,18 @@ def between(attenuation: Any) -> tuple[Any, Any, Any]:
     low = np.clip(np.searchsorted(ATTENUATIONS, attenuation) - 1, 0, len(ATTENUATIONS) - 2)
     step = ATTENUATIONS[low + 1] - ATTENUATIONS[low]
     return low, (attenuation - ATTENUATIONS[low]) / step, step
+
+
+def at_attenuation(table: NDArray[Any], attenuation: Array) -> NDArray[Any]:
+    """Interpolate a table (K, 3, ...) over `ATTENUATIONS` at those of channels, (3,), 1/m.
+
+    Attenuation beyond the table's is taken as its end, and NaN as 0.
+    """
+    low, share, _ = between(
+        np.clip(np.nan_to_num(attenuation), ATTENUATIONS[0], ATTENUATIONS[-1]))
+    share = share.astype(table.dtype).reshape(3, *[1] * (table.ndim - 2))
+    channel = np.arange(3)
+    return np.asarray((1 - share) * table[low, channel] + share * table[low + 1, channel])
 
 
 def _of_channels(values: Array) -> Table:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,7 @@ from uw_visibility.config.lighting import LightingConfig
 from uw_visibility.config.schema import WaterConfig
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.images.view import View
-from uw_visibility.optics.lamps import ATTENUATIONS, LampTables, between, nodes_of, tabulate
+from uw_visibility.optics.lamps import LampTables, at_attenuation, nodes_of, tabulate
 from uw_visibility.status import Status
 from uw_visibility.water.blocks import Blocks, reduce_to_blocks
 from uw_visibility.water.daylight.validation import (
@@ -56,15 +56,6 @@ CONTRADICTION = 7.8
 POWER_DEVIATION = 0.15
 # Quantiles of range that are taken for its limits: few ranges beyond are right.
 RANGE_LIMITS = (0.005, 0.98)
-
-
-@dataclass(frozen=True)
-class _Prepared:
-    """Tables for one size of image, and directions of the middles of its blocks."""
-
-    rays: Array
-    tables: LampTables
-    of_blocks: dict[tuple[int, ...], Array]
 
 
 class NodeEstimator:
@@ -139,7 +130,8 @@ class NodeEstimator:
         known = np.isfinite(beta)
         # The lamps' colours are known, so that their power is one number.
         power = float(np.exp(np.log(posterior.power[known]).mean())) if known.any() else math.nan
-        veil = posterior.scattering * _at(frames[-1].log_far, beta)
+        far = np.exp(at_attenuation(frames[-1].log_far, beta))
+        veil = np.where(known, posterior.scattering * far, np.nan)
         by_day = DAYLIGHT_VEIL * posterior.daylight
         joint = np.zeros((6, 6))
         joint[0::2, 0::2] = covariance
@@ -169,19 +161,20 @@ class LampEstimator(NodeEstimator):
         super().__init__(lighting, clear_water_attenuation)
         self._config = config
         self._rays = rays
-        self._prepared: dict[tuple[int, int], _Prepared] = {}
+        self._prepared: dict[tuple[int, int], tuple[Array, LampTables]] = {}
 
     def tables(self, shape: tuple[int, int]) -> LampTables:
         """Tables for images of a height and width, px."""
-        return self._prepare(shape).tables
+        return self._prepare(shape)[1]
 
-    def _prepare(self, shape: tuple[int, int]) -> _Prepared:
+    def _prepare(self, shape: tuple[int, int]) -> tuple[Array, LampTables]:
+        """Directions of the tables' lines of sight, and the tables, for a size of image."""
         if shape not in self._prepared:
             columns, rows = nodes_of(shape)
             rays = self._rays(columns, rows)
             tables = tabulate(rays, columns, rows, list(self._lighting.lamps()))
             # Of one size at a time, as buffers are.
-            self._prepared = {shape: _Prepared(rays, tables, {})}
+            self._prepared = {shape: (rays, tables)}
         return self._prepared[shape]
 
     def estimate_view(
@@ -195,12 +188,14 @@ class LampEstimator(NodeEstimator):
         if view.colour is None:
             return WaterEstimate.not_assessable(Status.NO_COLOUR)
         full = np.asarray(range_map, np.float32)
-        blocks = _blocks(view, full)
+        blocks = reduce_to_blocks(view.colour, *view.colour.reduce(full, view.valid))
         reason = _refuse(blocks, view)
         if reason is not Status.OK:
             return WaterEstimate.not_assessable(reason)
-        prepared = self._prepare(view.shape)
-        nodes = reduce_to_nodes(blocks, self._block_rays(blocks, prepared), prepared.tables)
+        rays, tables = self._prepare(view.shape)
+        rows, columns = (
+            np.asarray((np.arange(size) + 0.5) * blocks.side - 0.5) for size in blocks.range.shape)
+        nodes = reduce_to_nodes(blocks, self._rays(columns, rows), tables)
         if len(nodes.range) < FEWEST_NODES:
             return WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
         refused = [
@@ -213,22 +208,8 @@ class LampEstimator(NodeEstimator):
             refused = [Status.RANGE_SPREAD_TOO_SMALL] * 3
         water = self.estimate_nodes([nodes], refused)
         assert water.lamps is not None
-        ground = GroundView.of(view, full, prepared.rays)
+        ground = GroundView.of(view, full, rays)
         return replace(water, lamps=replace(water.lamps, ground=ground))
-
-    def _block_rays(self, blocks: Blocks, prepared: _Prepared) -> Array:
-        shape = blocks.range.shape
-        if (*shape, blocks.side) not in prepared.of_blocks:
-            rows, columns = (
-                np.asarray((np.arange(size) + 0.5) * blocks.side - 0.5) for size in shape)
-            prepared.of_blocks[*shape, blocks.side] = self._rays(columns, rows)
-        return prepared.of_blocks[*shape, blocks.side]
-
-
-def _blocks(view: View, range_map: NDArray[np.float32]) -> Blocks:
-    assert view.colour is not None
-    ranges, valid = view.colour.reduce(range_map, view.valid)
-    return reduce_to_blocks(view.colour, ranges, valid)
 
 
 def _refuse(blocks: Blocks, view: View) -> Status:
@@ -241,15 +222,6 @@ def _refuse(blocks: Blocks, view: View) -> Status:
     if (blocks.black > MAX_CLIPPED_FRACTION).all():
         return Status.TOO_DARK
     return Status.OK
-
-
-def _at(log_far: Array, attenuation: Array) -> Array:
-    """S at infinity, (3,), by its logarithms over `ATTENUATIONS`; NaN where attenuation is."""
-    low, share, _ = between(np.clip(
-        np.nan_to_num(attenuation), ATTENUATIONS[0], ATTENUATIONS[-1]))
-    channel = np.arange(3)
-    found = np.exp((1 - share) * log_far[low, channel] + share * log_far[low + 1, channel])
-    return np.where(np.isfinite(attenuation), found, np.nan)
 
 
 def _joined(
