@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.images.view import View
@@ -133,12 +134,9 @@ def _box_sums(image: NDArray[np.float32], points: Array, half: Array) -> Array:
     low, high = points + 0.5 - half[:, None], points + 0.5 + half[:, None]
 
     def at(x: Array, y: Array) -> Array:
-        i = np.clip(x.astype(int), 0, image.shape[1] - 1)
-        j = np.clip(y.astype(int), 0, image.shape[0] - 1)
-        fx, fy = (x - i)[:, None], (y - j)[:, None]
-        return np.asarray(
-            (1 - fy) * ((1 - fx) * summed[j, i] + fx * summed[j, i + 1])
-            + fy * ((1 - fx) * summed[j + 1, i] + fx * summed[j + 1, i + 1]))
+        return np.stack([
+            map_coordinates(summed[..., c], (y, x), order=1, mode="nearest")
+            for c in range(summed.shape[2])], axis=1)
 
     return (at(high[:, 0], high[:, 1]) - at(low[:, 0], high[:, 1])
             - at(high[:, 0], low[:, 1]) + at(low[:, 0], low[:, 1]))

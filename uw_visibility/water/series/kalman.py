@@ -370,10 +370,7 @@ def _excess(larger: Array, other: Array) -> Array:
 
 def _growth(innovation: Array, spread: Array) -> Array:
     """Growth of a covariance that makes an innovation as large as expected."""
-    distance = float(innovation @ np.linalg.solve(spread, innovation))
-    expected = float(len(innovation))
-    lack = 1.0 / expected - 1.0 / max(distance, expected)
-    return np.asarray(lack * np.outer(innovation, innovation))
+    return _beyond_noise(innovation, spread, 0.0) / len(innovation)
 
 
 def _beyond_noise(mean: Array, spread: Array, limit: float) -> Array:
