@@ -124,9 +124,6 @@ OPTIONS: Options = {
     },
     "both studies": {
         "--seeds N": (None, "draws of noise (1); with --lamps also of reefs and poses (3)", int),
-        "--ranges {true,matched}": (
-            None, "disparities: the true ones, which is quick, or those of the pipeline (true; "
-            "with --lamps matched, and in a survey always)", str),
     },
 }
 
@@ -203,7 +200,6 @@ def _run_adverse(arguments: argparse.Namespace, progress: Progress) -> Written:
         attenuations=tuple(arguments.attenuation or cases.ATTENUATIONS),
         depths=tuple(arguments.depth or cases.DEPTHS),
         seeds=1 if arguments.seeds is None else arguments.seeds,
-        matched=arguments.ranges == "matched",
         config=read_config(arguments.params_file, {}),
     )
     results = run_cases(
@@ -230,7 +226,6 @@ def _run_lamps(arguments: argparse.Namespace, progress: Progress) -> Written:
             arguments.attenuation or (QUICK_ATTENUATIONS[1:] if quick else report.ATTENUATIONS)),
         surfaces=cases.SURFACES[:1] if quick else cases.SURFACES,
         seeds=seeds,
-        matched=arguments.ranges != "true",
         survey=frames,
         config=read_config(arguments.params_file, {}),
     )

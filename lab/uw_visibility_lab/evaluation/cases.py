@@ -39,7 +39,7 @@ from uw_visibility_lab.evaluation.degrade import (
     sensor_of,
 )
 from uw_visibility_lab.evaluation.metrics import Reliability
-from uw_visibility_lab.evaluation.readings import Reader, Reading, Truth
+from uw_visibility_lab.evaluation.readings import Reader, Reading, Truth, read_exact
 from uw_visibility_lab.evaluation.scenes import SceneSource, search_limit, tolerance
 from uw_visibility_lab.evaluation.tables import flat
 
@@ -219,7 +219,8 @@ class _Bench:
         self.config = replace(config, stereo=stereo)
         self.rig = scene.rig
         self.pipeline = Pipeline(self.rig, self.config)
-        self.exact_range = scene.rig.range_from_disparity(scene.disparity_left)
+        self.disparity = scene.disparity_left
+        self.exact_range = scene.rig.range_from_disparity(self.disparity)
         self.reader = Reader(config)
 
     def read(
@@ -228,7 +229,7 @@ class _Bench:
         """Estimate the water by both methods, with the pipeline's ranges and with the true ones."""
         reader = self.reader
         readings = {
-            "exact": reader.estimate(left, self.exact_range),
+            "exact": read_exact(left, self.disparity, self.rig, self.config),
             "paper_exact": reader.fit_plain(left, self.exact_range),
         }
         if result is None:

@@ -4,21 +4,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Array, DisparityMap, Image8, Map, RangeMap
+from uw_visibility.images.arrays import Array, DisparityMap, Image8, RangeMap
 from uw_visibility.optics.light_model import ambient_light_at_depth, visibility_distance
 from uw_visibility.pipeline.parts import WaterResult, estimate_water
-from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor, Visibility
 from uw_visibility.water.series.filter import FilteredWater
@@ -105,7 +102,7 @@ class Reading:
 
 
 class Reader:
-    """Reader of estimates of the water, and of what a method makes of an image and its ranges."""
+    """Reader of estimates of the water, and of the paper's own."""
 
     def __init__(self, config: PipelineConfig) -> None:
         self._config = config
@@ -115,38 +112,18 @@ class Reader:
         """Return an estimate with its assessment."""
         return Reading.of(estimate, self.assessor.assess(estimate))
 
-    def estimate(self, image: Image8, ranges: RangeMap) -> Reading:
-        """Estimate the water from an image and ranges, m, each of which is taken as exact."""
-        config = self._config
-        estimator = WaterEstimator(
-            config.water, self.assessor.clear_water_attenuation, config.camera.transfer,
-            self.assessor.daylight)
-        return self.read(estimator.estimate(image, ranges, range_error=0.0))
-
     def fit_plain(self, image: Image8, ranges: RangeMap) -> Reading:
-        """Fit the water as the paper does; as `estimate`."""
+        """Fit the water as the paper does, by ranges in m."""
         return self.read(fit_plain(
             image, ranges, self.assessor.clear_water_attenuation, self._config.camera.transfer))
 
 
-def read_pair(
-    left: Image8, right: Image8, rig: StereoRig, disparity: DisparityMap,
-    config: PipelineConfig, *, matched: bool,
-) -> tuple[Reading, Map | None]:
-    """Estimate the water by the true disparities, px, or by matched ones as far as those go.
-
-    Returns the reading and the disparities; None for a pair that is refused.
-    """
-    if not matched:
-        found = estimate_water(left, disparity, rig, config, disparity_stddev=0.0)
-        return Reading.of_result(found), disparity
-    largest = int(np.nanmax(disparity)) + 8
-    config = replace(config, stereo=replace(config.stereo, max_disparity=largest))
-    try:
-        result = Pipeline(rig, config).process(left, right)
-    except InputError as error:
-        return Reading.refused(f"pair refused: {error}"), None
-    return Reading.of_result(result), result.disparity
+def read_exact(
+    image: Image8, disparity: DisparityMap, rig: StereoRig, config: PipelineConfig
+) -> Reading:
+    """Estimate the water from an image and its true disparities, px."""
+    return Reading.of_result(
+        estimate_water(image, disparity, rig, config, disparity_stddev=0.0))
 
 
 def triple(values: ArrayLike) -> Triple:

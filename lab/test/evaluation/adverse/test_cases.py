@@ -24,8 +24,8 @@ from uw_visibility_lab.simulation.water import WaterEffects
 CONFIG = PipelineConfig.from_parameters({"threads": 1})
 
 
-def run(source: SceneSource, matched: bool = False, alpha: float = 0.3, **level: object):
-    case = AdverseCase(source, "test", Level("test", **level), alpha, 2.0, matched=matched)
+def run(source: SceneSource, alpha: float = 0.3, **level: object):
+    case = AdverseCase(source, "test", Level("test", **level), alpha, 2.0)
     return evaluate_adverse_case(case, CONFIG)
 
 
@@ -87,17 +87,6 @@ def test_rendered_scenes_with_and_without_open_water() -> None:
         assert (unknown.mean() > 0.05) == source.open_water
         ranges = scene.rig.range_from_disparity(scene.disparity)
         np.testing.assert_allclose(ranges[~unknown], scene.left.range[~unknown], rtol=1e-5)
-
-
-def test_matched_disparities_take_the_place_of_true_ones(source, plain) -> None:
-    matched = run(source, matched=True)
-    assert matched.truth == plain.truth
-    for name, reading in matched.readings.items():
-        assert reading.attenuation != plain.readings[name].attenuation
-    # A right image of another exposure shows in matched disparities only.
-    unequal = CameraEffects(exposure_difference=0.3)
-    assert run(source, camera=unequal).readings == plain.readings
-    assert run(source, matched=True, camera=unequal).readings != matched.readings
 
 
 def test_the_effective_attenuation_is_the_truth_of_a_spectrum(source, plain) -> None:

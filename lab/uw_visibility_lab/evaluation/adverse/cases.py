@@ -17,7 +17,7 @@ from uw_visibility.images.arrays import Array, Image8
 from uw_visibility_lab.evaluation.adverse.effects import Level, chosen
 from uw_visibility_lab.evaluation.adverse.scenes import AdverseScene, load_adverse_scene
 from uw_visibility_lab.evaluation.fits import fit_backscatter
-from uw_visibility_lab.evaluation.readings import Reader, Truth, read_pair
+from uw_visibility_lab.evaluation.readings import Reader, Truth, read_exact
 from uw_visibility_lab.evaluation.scenes import SceneSource
 from uw_visibility_lab.evaluation.studies import StudyResult
 from uw_visibility_lab.simulation.camera import StereoCamera
@@ -53,7 +53,6 @@ class AdverseCase:
     mean_attenuation: float  # attenuation by grey particles, 1/m
     depth: float  # depth of the camera, m
     seed: int = 0  # seed of noise and marine snow
-    matched: bool = False  # whether the estimators get matched disparities instead of true ones
 
 
 @dataclass(frozen=True)
@@ -66,20 +65,19 @@ class AdversePlan:
     attenuations: tuple[float, ...] = ATTENUATIONS
     depths: tuple[float, ...] = DEPTHS
     seeds: int = 1  # number of draws of noise and marine snow
-    matched: bool = False  # whether disparities are matched instead of true
     config: PipelineConfig = field(default_factory=PipelineConfig)  # what the estimators are told
 
     def __post_init__(self) -> None:
         check_range("number of seeds", self.seeds, 1)
         check_range("attenuations", self.attenuations, 0.0, 5.0, "1/m")
         check_range("depths", self.depths, 0.0, 100.0, "m")
-        chosen(self.effects, matched=self.matched)
+        chosen(self.effects)
 
     def cases(self) -> list[AdverseCase]:
         """Return the cases, scene by scene."""
-        effects = chosen(self.effects, matched=self.matched)
+        effects = chosen(self.effects)
         return [
-            AdverseCase(scene, effect, level, attenuation, depth, seed, self.matched)
+            AdverseCase(scene, effect, level, attenuation, depth, seed)
             for scene in self.scenes
             for effect, levels in effects.items()
             for level in levels
@@ -94,7 +92,7 @@ def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> StudyRes
     scene, level = load_adverse_scene(case.source), case.level
     told = PipelineConfig.from_parameters({**config.to_parameters(), **level.parameters})
     water = Water(case.mean_attenuation, case.depth, None, level.water)
-    left, right, gains = _expose(scene, level, water, case)
+    left, gains = _expose(scene, level, water, case)
     attenuation = effective_attenuation(scene.left.range, scene.geometry, water)
     reader = _reader(told)
     truth = Truth.of_water(
@@ -102,14 +100,12 @@ def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> StudyRes
         case.depth, told.assessment.contrast,
     )
     rig = replace(scene.rig, baseline=scene.rig.baseline * level.range_scale)
-    ours, disparity = read_pair(
-        left, right, rig, scene.disparity, told, matched=case.matched)
-    readings = dict.fromkeys(METHODS, ours)
-    if disparity is not None:
-        # The peers take the disparities that ours has.
-        ranges = rig.range_from_disparity(disparity)
-        readings["paper"] = reader.fit_plain(left, ranges)
-        readings["sea_thru"] = reader.read(fit_backscatter(left, ranges, told.camera.transfer))
+    ranges = rig.range_from_disparity(scene.disparity)
+    readings = {
+        "ours": read_exact(left, scene.disparity, rig, told),
+        "paper": reader.fit_plain(left, ranges),
+        "sea_thru": reader.read(fit_backscatter(left, ranges, told.camera.transfer)),
+    }
     labels = {
         "effect": case.effect, "level": level.label, "scene": scene.name,
         "open_water": scene.open_water, "seed": case.seed,
@@ -119,16 +115,15 @@ def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> StudyRes
 
 def _expose(
     scene: AdverseScene, level: Level, water: Water, case: AdverseCase
-) -> tuple[Image8, Image8, Array]:
-    """Return the pair (the left image twice where one is enough) and gains of white balance."""
-    views = [scene.left, scene.right] if case.matched else [scene.left]
+) -> tuple[Image8, Array]:
+    """Return the image under water, and gains of white balance."""
     height, width = scene.disparity.shape
     camera = StereoCamera(width, height, scene.rig.focal_length, scene.rig.baseline)
     renderer = Renderer(camera, level.sensor, level.disturbances, Workers(1), level.camera)
     light = renderer.daylight(
-        [_fade(view, level.contrast) for view in views], scene.geometry, water, case.seed)
-    images, gains = renderer.record(light, case.seed)
-    return images[0], images[-1], gains
+        [_fade(scene.left, level.contrast)], scene.geometry, water, case.seed)
+    (image,), gains = renderer.record(light, case.seed)
+    return image, gains
 
 
 def _fade(view: View, contrast: float) -> View:

@@ -32,7 +32,6 @@ class Level:
     attenuations: tuple[float, ...] | None = None
     # what the estimator is told, by names of parameters
     parameters: dict[str, Any] = field(default_factory=dict)
-    matched: bool = False  # whether it shows in matched disparities only
 
 
 def _grey(ratio: float) -> tuple[float, float, float]:
@@ -123,21 +122,13 @@ EFFECTS: dict[str, tuple[Level, ...]] = {
     "flat sand": tuple(
         Level(f"contrast x {c:g}", contrast=c) for c in (0.1, 0.3)
     ),
-    "exposure": tuple(
-        Level(f"right {e:+.0%}", camera=CameraEffects(exposure_difference=e), matched=True)
-        for e in (0.1, 0.3)
-    ),
 }
 """Levels of each effect, by the names that tables and `--effects` use."""
 
 
-def chosen(names: Sequence[str], *, matched: bool) -> dict[str, tuple[Level, ...]]:
-    """Return the effects of these names, or all, as far as the kind of ranges shows them."""
+def chosen(names: Sequence[str]) -> dict[str, tuple[Level, ...]]:
+    """Return the effects of these names, or all."""
     for name in names:
         if name not in EFFECTS:
             raise InputError(f"no effect {name!r}: give one of {', '.join(EFFECTS)}")
-    levels = {
-        name: tuple(level for level in EFFECTS[name] if matched or not level.matched)
-        for name in EFFECTS if not names or name in names
-    }
-    return {name: some for name, some in levels.items() if some}
+    return {name: levels for name, levels in EFFECTS.items() if not names or name in names}

@@ -70,7 +70,6 @@ def write_adverse(
         "attenuations": plan.attenuations,
         "depths": plan.depths,
         "seeds": plan.seeds,
-        "ranges": "matched" if plan.matched else "true",
         "parameters": told(plan.config),
     }
     write_report(

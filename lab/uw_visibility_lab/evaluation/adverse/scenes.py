@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes of the adverse study: what two cameras see in air, with exact ranges."""
+"""Scenes of the adverse study: what a camera sees in air, with exact ranges."""
 
 from __future__ import annotations
 
@@ -37,14 +37,13 @@ HEIGHT = 1.0
 
 @dataclass(frozen=True)
 class AdverseScene:
-    """A scene in air, seen by a pair of cameras."""
+    """A scene in air, seen by the left camera of a pair."""
 
     name: str  # for tables
-    # left, right: radiance and range; a range is inf in open water, and filled from the background
-    # where a recorded scene does not know it
+    # radiance and range; a range is inf in open water, and filled from the background where a
+    # recorded scene does not know it
     left: View
-    right: View
-    geometry: Geometry  # where the pixels look, of either camera
+    geometry: Geometry  # where the pixels look
     rig: StereoRig  # the true calibration
     disparity: Map  # (H, W); true left disparity in px; NaN where unknown and in open water
     open_water: bool  # whether open water is in view
@@ -67,13 +66,11 @@ def load_adverse_scene(source: SceneSource) -> AdverseScene:
 
 def _rendered(seed: int, open_water: bool) -> AdverseScene:
     pose = Pose((0.0, 0.0, ALTITUDE), tilt=OPEN_TILT if open_water else TILT)
-    renderer, scene = Renderer(CAMERA, workers=Workers(1)), reef(seed, length=0.0)
-    left, right = (renderer.look(scene, CAMERA, pose, k * CAMERA.baseline) for k in (0, 1))
+    left = Renderer(CAMERA, workers=Workers(1)).look(reef(seed, length=0.0), CAMERA, pose, 0.0)
     ranges = left.view.range
     return AdverseScene(
         name=f"reef{seed}{' open' if open_water else ''}",
         left=left.view,
-        right=right.view,
         geometry=left.geometry,
         rig=CAMERA.rig,
         disparity=CAMERA.rig.disparity_from_range(
@@ -89,26 +86,18 @@ def _recorded(scene: Scene) -> AdverseScene:
         halvings += 1
     step = 1 << halvings
     height, width = (n // step for n in scene.left.shape[:2])
-    disparities = [
-        disparity[: height * step : step, : width * step : step] / np.float32(step)
-        for disparity in (scene.disparity_left, scene.disparity_right)
-    ]
-    camera = StereoCamera(width, height, scene.rig.focal_length / step, scene.rig.baseline)
-    rig = camera.rig
-    views = []
-    for image, disparity in zip((scene.left, scene.right), disparities, strict=True):
-        small = cv2.resize(
-            image[: height * step, : width * step], (width, height), interpolation=cv2.INTER_AREA)
-        radiance = small.astype(np.float32) / np.float32(255)
-        ranges = rig.range_from_disparity(fill_from_background(disparity))
-        views.append(View.of_pixels(radiance, ranges))
+    window = np.s_[: height * step, : width * step]
+    disparity = scene.disparity_left[window][::step, ::step] / np.float32(step)
+    rig = StereoCamera(width, height, scene.rig.focal_length / step, scene.rig.baseline).rig
+    small = cv2.resize(scene.left[window], (width, height), interpolation=cv2.INTER_AREA)
     return AdverseScene(
         name=scene.name,
-        left=views[0],
-        right=views[1],
+        left=View.of_pixels(
+            small.astype(np.float32) / np.float32(255),
+            rig.range_from_disparity(fill_from_background(disparity))),
         geometry=Geometry.of_rays(
             rig.ray_directions((height, width)), np.array([0.0, -1.0, 0.0]), HEIGHT),
         rig=rig,
-        disparity=disparities[0],
+        disparity=disparity,
         open_water=False,
     )

@@ -4,15 +4,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
-from uw_visibility_lab.evaluation.readings import Truth, read_pair
+from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility_lab.evaluation.readings import Reading, Truth
 from uw_visibility_lab.evaluation.studies import StudyResult
 from uw_visibility_lab.simulation.camera import Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import RenderedFrame, Renderer
@@ -51,7 +53,6 @@ class LampCase:
     mean_attenuation: float  # attenuation by grey particles, 1/m
     # ``lambertian``, or ``facing``: each surface faces each lamp, as in the light model
     surfaces: str = "lambertian"
-    matched: bool = True  # whether ranges are matched by the pipeline instead of true
 
 
 def pose_of(seed: int) -> Pose:
@@ -89,14 +90,21 @@ def evaluate_lamp_case(case: LampCase, config: PipelineConfig) -> StudyResult:
         config.assessment.contrast,
     )
     readings = {
-        name: read_pair(
-            frame.left, frame.right, CAMERA.rig, frame.disparity_left,
-            PipelineConfig.from_parameters({**config.to_parameters(), **parameters}),
-            matched=case.matched)[0]
+        name: _process(
+            frame, PipelineConfig.from_parameters({**config.to_parameters(), **parameters}))
         for name, parameters in told.items()
     }
-    labels = {name: value for name, value in vars(case).items() if name != "matched"}
-    return StudyResult(labels, truth, readings)
+    return StudyResult(dict(vars(case)), truth, readings)
+
+
+def _process(frame: RenderedFrame, config: PipelineConfig) -> Reading:
+    """Match and estimate, as far as the true disparities go."""
+    largest = int(np.nanmax(frame.disparity_left)) + 8
+    config = replace(config, stereo=replace(config.stereo, max_disparity=largest))
+    try:
+        return Reading.of_result(Pipeline(CAMERA.rig, config).process(frame.left, frame.right))
+    except InputError as error:
+        return Reading.refused(f"pair refused: {error}")
 
 
 def clear_water(config: PipelineConfig) -> Array:

@@ -50,7 +50,6 @@ class LampPlan:
     attenuations: tuple[float, ...] = ATTENUATIONS  # attenuation by grey particles, 1/m
     surfaces: tuple[str, ...] = SURFACES  # of `SURFACES`
     seeds: int = SEEDS  # number of reefs, each with a pose and noise of its own
-    matched: bool = True  # whether ranges are matched by the pipeline instead of true
     survey: int = FRAMES  # number of frames of the survey; 0 for none
     # what the pipeline is told beside the lamps
     config: PipelineConfig = field(default_factory=PipelineConfig)
@@ -65,7 +64,7 @@ class LampPlan:
     def cases(self) -> list[LampCase]:
         """Return the cases, reef by reef."""
         return [
-            LampCase(seed, lamps, attenuation, surfaces, self.matched)
+            LampCase(seed, lamps, attenuation, surfaces)
             for seed in range(self.seeds)
             for lamps in LAMPS
             for surfaces in self.surfaces
@@ -151,7 +150,6 @@ def write_lamps(
         "lamps": LAMPS,
         "surfaces": plan.surfaces,
         "seeds": plan.seeds,
-        "ranges": "matched" if plan.matched else "true",
         "survey": None if survey is None else {
             "frames": plan.survey, "lamps": surveys.LAMPS,
             "mean_attenuation": surveys.MEAN_ATTENUATION, "surfaces": SURFACES[0],
