@@ -7,7 +7,6 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
 from uw_visibility.errors import needing, refusing
 from uw_visibility_lab.commands.described import add_described
@@ -45,24 +44,19 @@ def run(arguments: argparse.Namespace) -> None:
     from uw_visibility_lab.simulation.transect import Transect
 
     transect = Transect(frames=arguments.frames, rate=arguments.rate, seed=arguments.seed)
-    demonstrate, node_died = _load()
+    with needing("ros,report", "the demo"):
+        # What needs ROS, recordings and figures.
+        from uw_visibility_lab.demonstration import client  # noqa: F401
+        from uw_visibility_lab.demonstration.node_process import NodeDied
+        from uw_visibility_lab.demonstration.run import demonstrate
     with refusing(f"cannot make folder {arguments.output}"):
         arguments.output.mkdir(parents=True, exist_ok=True)
     try:
         summary = demonstrate(arguments.output, transect, force=arguments.force)
-    except node_died as error:
+    except NodeDied as error:
         print(f"uw_visibility: {error}", file=sys.stderr)
         raise SystemExit(1) from error
     width = max(map(len, summary))
     for name, value in summary.items():
         print(f"{name:{width}s}  {value}")
     print(f"pictures and tables: {arguments.output}")
-
-
-def _load() -> tuple[Any, Any]:
-    """Import what needs ROS, recordings and figures."""
-    with needing("ros,report", "the demo"):
-        from uw_visibility_lab.demonstration import client  # noqa: F401
-        from uw_visibility_lab.demonstration.node_process import NodeDied
-        from uw_visibility_lab.demonstration.run import demonstrate
-    return demonstrate, NodeDied

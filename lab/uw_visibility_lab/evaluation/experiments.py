@@ -19,6 +19,7 @@ from uw_visibility_lab.evaluation.degrade import sensor_of
 from uw_visibility_lab.evaluation.metrics import Reliability
 from uw_visibility_lab.evaluation.parallel import Progress, run_cases
 from uw_visibility_lab.evaluation.scenes import SceneSource
+from uw_visibility_lab.evaluation.studies import grouped
 from uw_visibility_lab.simulation.camera import NOISELESS
 
 ATTENUATIONS = (0.0, 0.1, 0.2, 0.3)
@@ -95,11 +96,12 @@ class Evaluation:
 
     def reliability(self) -> dict[str, Reliability]:
         """Return the reliability of our confidence over all cases of each noise."""
-        by_noise: dict[str, list[Reliability]] = {}
-        for case in (*self.cases, *self.noisy):
-            if case.reliability is not None:
-                by_noise.setdefault(case.noise, []).append(case.reliability)
-        return {noise: Reliability.total(parts) for noise, parts in by_noise.items()}
+        parts = [
+            (case.noise, case.reliability) for case in (*self.cases, *self.noisy)
+            if case.reliability is not None]
+        return {
+            noise: Reliability.total(part for _, part in same)
+            for noise, same in grouped(parts, lambda part: part[0]).items()}
 
 
 def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: items) -> Evaluation:

@@ -97,13 +97,12 @@ def sea(folder: Path) -> Iterator[Case]:
 def halves(case: Case) -> tuple[Case, Case]:
     """Return the left and the right half of a case, which show the same water."""
     middle = case.image.shape[1] // 2
-    return _part(case, slice(None, middle), "left"), _part(case, slice(middle, None), "right")
-
-
-def _part(case: Case, columns: slice, name: str) -> Case:
-    return replace(
-        case, image=np.ascontiguousarray(case.image[:, columns]),
-        ranges=np.ascontiguousarray(case.ranges[:, columns]), name=f"{case.name} {name}")
+    left, right = (
+        replace(
+            case, image=np.ascontiguousarray(case.image[:, columns]),
+            ranges=np.ascontiguousarray(case.ranges[:, columns]), name=f"{case.name} {name}")
+        for name, columns in (("left", np.s_[:middle]), ("right", np.s_[middle:])))
+    return left, right
 
 
 def _along_the_ray(z: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -81,14 +81,10 @@ def middlebury(folder: Path) -> Scene:
         If a file is missing, the sizes differ, or no pixel has a disparity.
     """
     scene = degrade.load_scene(folder)
-    height, width = scene.left.shape[:2]
-    focal, disparity = scene.rig.focal_length, fill_from_background(scene.disparity_left)
-    x = (np.arange(width) - (width - 1) / 2) / focal
-    y = ((np.arange(height) - (height - 1) / 2) / focal)[:, np.newaxis]
-    ranges = focal * scene.rig.baseline / disparity * np.sqrt(1.0 + x * x + y * y)
     return Scene(
         folder.resolve().name, "rgbd", scene.left.astype(np.float32) / np.float32(255.0),
-        ranges.astype(np.float32), pitch=0.0, focal_length=focal / width)
+        scene.rig.range_from_disparity(fill_from_background(scene.disparity_left)),
+        pitch=0.0, focal_length=scene.rig.focal_length / scene.left.shape[1])
 
 
 def procedural(

@@ -56,9 +56,6 @@ IMAGE_STYLES = _styles(
 
 TRUTH_STYLE = {"label": "truth", "color": "black", "linewidth": 1.2, "linestyle": "--"}
 
-
-FORMATS = ("png", "pdf", "svg")
-
 # The same result has the same file.
 _UNDATED = {
     ".pdf": {"CreationDate": None, "Producer": None}, ".svg": {"Date": None}, ".png": {},
@@ -66,7 +63,7 @@ _UNDATED = {
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as its name's ending says, one of `FORMATS`."""
+    """Write a figure as its name's ending says: png, pdf or svg."""
     FigureCanvasAgg(figure)
     with rc_context({"svg.hashsalt": "uw_visibility"}):
         figure.savefig(path, dpi=DPI, metadata=_UNDATED[path.suffix])

@@ -20,11 +20,6 @@ from uw_visibility_lab.evaluation.tables import CHANNELS
 
 COLOURS = {"known": style.OURS, "misplaced": style.HISTOGRAM, "daylight": style.PLAIN}
 TICKS = (1, 2, 5, 10, 20, 50, 100, 200)
-ORDER = (
-    ("right", "within 20 %", style.OURS),
-    ("other", "assessed, not within 20 %", style.HISTOGRAM),
-    ("refused", "refused", "#cccccc"),
-)
 
 
 def draw_visibility(path: Path, results: Sequence[StudyResult], summary: Summary) -> None:
@@ -54,15 +49,19 @@ def draw_visibility(path: Path, results: Sequence[StudyResult], summary: Summary
     scatter.set_ylabel("published visibility distance [m], ± 1 σ")
     scatter.grid(alpha=0.25, which="both")
     scatter.legend(frameon=False)
-    left = np.zeros(len(TOLD))
     names = [
         f"{title}\n> 3 σ: {100.0 * summary['told'][name]['beyond']['visibility']:.0f} %"
         for name, title in TOLD.items()
     ]
-    for kind, label, colour in ORDER:
-        share = np.array([_share(summary["told"][name], kind) for name in TOLD])
+    right, refused = (
+        np.array([100.0 * summary["told"][name][kind] for name in TOLD])
+        for kind in ("right", "refused"))
+    for left, share, label, colour in (
+        (0.0, right, "within 20 %", style.OURS),
+        (right, 100.0 - right - refused, "assessed, not within 20 %", style.HISTOGRAM),
+        (100.0 - refused, refused, "refused", "#cccccc"),
+    ):
         bars.barh(names, share, left=left, height=0.6, color=colour, label=label)
-        left += share
     bars.set_xlim(0.0, 100.0)
     bars.invert_yaxis()
     bars.set_xlabel("frames [%]")
@@ -112,8 +111,3 @@ def draw_survey(path: Path, survey: SurveyResult) -> None:
         fontsize=8)
     axes.grid(alpha=0.25)
     style.save(figure, path)
-
-
-def _share(found: Summary, kind: str) -> float:
-    right, refused = found["right"], found["refused"]
-    return 100.0 * {"right": right, "refused": refused, "other": 1.0 - right - refused}[kind]

@@ -155,11 +155,8 @@ class GroundCells:
 
 def _moments(means: Array) -> tuple[Array, Array]:
     """Mean and standard deviation over the frames that see a piece; 0 for none."""
-    seen = np.isfinite(means)
-    count = np.maximum(seen.sum(axis=0), 1)
-    mean = np.where(seen, means, 0.0).sum(axis=0) / count
-    square = np.where(seen, np.square(means - mean), 0.0).sum(axis=0) / count
-    return mean, np.sqrt(square)
+    seen = np.ma.masked_invalid(means)
+    return seen.mean(axis=0).filled(0.0), seen.std(axis=0).filled(0.0)
 
 
 LAMPS = 2
