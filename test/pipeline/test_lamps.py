@@ -12,8 +12,12 @@ import pytest
 
 from uw_visibility import Pipeline, PipelineConfig
 from uw_visibility.compute.jit import counts
+from uw_visibility.images.view import View
+from uw_visibility.pipeline.lamps import Estimators
 from uw_visibility.status import Status
+from uw_visibility.water.daylight.inference import DECLARED
 from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.meaning.assessment import Assessor
 from uw_visibility.water.series.filter import WaterFilter
 from uw_visibility_lab.simulation.camera import Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import RenderedFrame, Renderer
@@ -114,6 +118,17 @@ def test_where_lamps_are_known_a_frame_tells_whether_they_light_it(
     np.testing.assert_array_equal(by_day.water.attenuation, plain.water.attenuation)
     np.testing.assert_array_equal(by_day.left_enhanced, plain.left_enhanced)
     assert by_day.visibility.depth == plain.visibility.depth
+
+
+def test_a_frame_in_doubt_is_for_surveys_alone(night: RenderedFrame) -> None:
+    config = auto()
+    estimators = Estimators(config, Assessor.from_config(config), CAMERA.rig)
+    first = replace(WaterEstimate.not_assessable(Status.OK), lamps_log_odds=1.0 - DECLARED)
+    found = estimators.estimate(View.of(night.left), night.range_left, 0.0, first)
+    assert found.status is Status.LIGHT_UNCERTAIN and found.lamps_log_odds == pytest.approx(1.0)
+    assert found.lamps is not None and found.lamps.nodes is not None
+    # No image is restored with it.
+    assert np.isnan(found.lamps.attenuation).all()
 
 
 def test_frames_together_tell_what_lights_a_recording(

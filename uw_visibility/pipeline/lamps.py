@@ -87,9 +87,11 @@ class Estimators:
         if self.by_daylight is None or self.by_lamps is None:
             return water
         if math.isnan(first.lamps_log_odds) or water.status is Status.LIGHT_UNCERTAIN:
-            # Other frames may tell what lights it: a survey under lamps can use it then.
-            other = self.by_lamps.estimate_view(view, range_map, range_error=range_error)
-            water = replace(water, lamps=other.lamps)
+            # Other frames may tell what lights it: a survey under lamps can use it then. The frame
+            # alone is not restored by a light that it may not have.
+            lit = self.by_lamps.estimate_view(view, range_map, range_error=range_error).lamps
+            if lit is not None:
+                water = replace(water, lamps=replace(lit, attenuation=np.full(3, np.nan)))
         return replace(water, lamps_log_odds=first.lamps_log_odds + DECLARED)
 
 
