@@ -66,6 +66,10 @@ class Estimators:
         # A view that does not say is estimated by daylight, and refused for what it lacks.
         return float(np.nan_to_num(expit(first.lamps_log_odds + DECLARED)))
 
+    def lit_by_lamps(self, first: WaterEstimate) -> bool:
+        """Whether lamps are more probable than daylight."""
+        return self.lamps(first) > 0.5
+
     def light_by_range(self, shape: tuple[int, int]) -> DirectLight | None:
         """How light falls with range where lamps alone light the scene."""
         if self.by_lamps is None or self._model == "both":

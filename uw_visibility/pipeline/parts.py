@@ -129,7 +129,7 @@ def estimate_water(
         view = View.of(image[..., 0] if image.shape[2:] == (1,) else image, camera.transfer, valid)
         error = rig.range_error(disparity_stddev)
         water = estimators.first.estimate_view(view, range_map, range_error=error)
-        by_lamps = estimators.lamps(water) > 0.5
+        by_lamps = estimators.lit_by_lamps(water)
         if config.lighting.model == "auto":
             water = estimators.estimate(view, range_map, error, water)
     else:

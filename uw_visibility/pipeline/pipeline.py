@@ -24,6 +24,7 @@ from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import check_pair, check_valid
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.images.vignetting import FlatFieldCorrection
+from uw_visibility.optics.lamps import DirectLight
 from uw_visibility.optics.light_model import scene_light_of
 from uw_visibility.pipeline.enhancement import ImageEnhancement
 from uw_visibility.pipeline.first_step import CoarseEstimate, FirstStep
@@ -80,7 +81,7 @@ class Pipeline:
         self._by_lamps = (
             None if self._estimators.by_lamps is None
             else LampEnhancement(rig, self.config, self._workers))
-        self._steps: tuple[FirstStep, SecondStep] | None = None
+        self._steps: tuple[FirstStep, SecondStep, DirectLight | None] | None = None
         self._shape: tuple[int, int] | None = None
         self._lock = threading.Lock()
 
@@ -137,12 +138,11 @@ class Pipeline:
         with self._lock:
             clock = StageClock()
             views = self._prepare(left, right, valid, colour, clock)
-            first_step, second_step = self._steps_for(views.left.shape)
+            first_step, second_step, light = self._steps_for(views.left.shape)
             coarse = first_step.run(views, clock)
-            by_lamps = self._estimators.lamps(coarse.water) > 0.5
+            by_lamps = self._estimators.lit_by_lamps(coarse.water)
             if by_lamps:
-                coarse = replace(
-                    coarse, lamps=self._estimators.light_by_range(views.left.shape))
+                coarse = replace(coarse, lamps=light)
             improved = second_step.run(
                 views, coarse, clock, match_original=match_original, confidence=confidence)
             filled, (water, visibility, shown) = self._workers.together(
@@ -242,11 +242,15 @@ class Pipeline:
         transfer = self.config.camera.transfer
         return StereoViews(View.of(left, transfer, valid, chroma), View.of(right, transfer))
 
-    def _steps_for(self, shape: tuple[int, int]) -> tuple[FirstStep, SecondStep]:
+    def _steps_for(
+        self, shape: tuple[int, int]
+    ) -> tuple[FirstStep, SecondStep, DirectLight | None]:
+        """Both steps for a size, and how the light of lamps falls with range, where it may."""
         if self._steps is None or self._shape != shape:
             self._steps = (
                 FirstStep(shape, self.rig, self.config, self._estimators.first, self._workers),
-                SecondStep(shape, self.rig, self.config, self._workers))
+                SecondStep(shape, self.rig, self.config, self._workers),
+                self._estimators.light_by_range(shape))
             self._shape = shape
         return self._steps
 
@@ -286,7 +290,7 @@ class Pipeline:
             return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
         water = self._estimators.estimate(
             coarse.view, ranges, self.rig.range_error(improved.stddev), coarse.water)
-        return water if water.lamps is not None else compare_steps(coarse.water, water)
+        return compare_steps(coarse.water, water)
 
     def _shown_water(
         self, water: WaterEstimate, coarse: CoarseEstimate, improved: ImprovedDisparity,

@@ -9,10 +9,12 @@ import math
 import numpy as np
 import pytest
 
+from uw_visibility.water.daylight.inference import DECLARED
 from uw_visibility.water.lamps.posterior import FITTED
 from uw_visibility_lab.posterior.cases import by_lamps
 from uw_visibility_lab.posterior.judge import estimate_by_lamps
 from uw_visibility_lab.posterior.lamps import observe, reefs, score
+from uw_visibility_lab.worlds.beliefs import bounds
 from uw_visibility_lab.worlds.scenes import procedural
 
 
@@ -35,3 +37,9 @@ def test_ground_behind_scattered_light_is_found_from_both_sides(seed: int) -> No
     best = int(np.argmin(case.attenuation))
     off = math.log(found.attenuation[best] / case.attenuation[best])
     assert abs(off) < 1.8 * found.attenuation_stddev[best] / found.attenuation[best]
+
+
+def test_declared_lamps_are_as_probable_as_daylight_before_a_frame_is_seen() -> None:
+    """The networks tell odds for the share of lamps among the views that they were trained on."""
+    share = bounds("lamps.share")[0]
+    assert math.log(share / (1.0 - share)) + DECLARED == pytest.approx(0.0)
