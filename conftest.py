@@ -26,6 +26,9 @@ from hypothesis import HealthCheck, settings
 from uw_visibility.compute.threads import use_one_thread
 from uw_visibility_lab.demonstration.node_process import reserved_domain
 
+# A test that waits for ever would keep other processes from what it holds. It fails after this
+# time, s, where pytest-timeout is installed; the slowest takes two minutes on a slow machine.
+PATIENCE = 600.0
 # Of four workers two wait for nodes and processes most of the time.
 WORKERS = 4
 NODE_FIXTURES = {"start_node", "make_client"}
@@ -77,8 +80,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config: pytest.Config) -> None:
-    """Share the whole suite among processes, unless the command line says otherwise."""
+    """End tests that hang, and share the whole suite among processes, unless told otherwise."""
     option = config.option
+    if config.pluginmanager.hasplugin("timeout") and option.timeout is None:
+        option.timeout = PATIENCE
     if (
         config.args_source is pytest.Config.ArgsSource.TESTPATHS
         # Else each worker would start workers.

@@ -115,6 +115,7 @@ setup(
             "onnx",
             "playwright",
             "pytest",
+            "pytest-timeout",
             "pytest-xdist",
             "ruff",
             "types-PyYAML",

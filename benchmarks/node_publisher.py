@@ -20,6 +20,9 @@ from rclpy.qos import ReliabilityPolicy
 
 from uw_visibility_lab.demonstration.client import Player
 
+# The first start of a node compiles its kernels, on a busy machine for minutes.
+PATIENCE = 300.0  # s
+
 
 def main() -> None:
     """Wait until somebody listens, then publish."""
@@ -40,7 +43,10 @@ def main() -> None:
     if options.best_effort:
         reliability = ReliabilityPolicy.BEST_EFFORT
     player = Player(node, types, reliability)
-    while player.unheard():
+    end = time.monotonic() + PATIENCE
+    while unheard := player.unheard():
+        if time.monotonic() > end:
+            parser.error(f"no node subscribes to {', '.join(unheard)}")
         time.sleep(0.05)
     time.sleep(options.wait)
     if options.paced:

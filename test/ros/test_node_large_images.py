@@ -83,7 +83,7 @@ def publish(
         stdout=subprocess.PIPE, text=True,
     ) as camera:
         assert camera.stdin is not None and camera.stdout is not None
-        assert camera.stdout.readline() == "ready\n"
+        assert camera.stdout.readline() == "ready\n", "the node does not hear the camera"
         for side in ("left", "right"):
             name = f"reliability of {side}/image_rect"
             client.wait(

@@ -27,7 +27,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.config.lighting import Lamp, LightingConfig
@@ -407,6 +406,9 @@ def _summed(
 
 def _interpolated(grid: list[_Fit], highest: float, fine: Array) -> tuple[Array, Array, Array]:
     """Log density (D,), mean (D, 3) and covariance (D, 3, 3) of ln β, over ln particles."""
+    # Its import takes 0.4 s, which by daylight nobody needs.
+    from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+
     evidence = np.array([
         max(each.evidence - highest, -1e3) + _expected(each.particles) for each in grid])
     mean = np.log([each.attenuation for each in grid])
