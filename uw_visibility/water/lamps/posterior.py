@@ -327,10 +327,12 @@ def _over_grid(
         p, texture = np.zeros(direct_by.shape[2]), np.zeros((scene.details.levels, 3, 3))
         if start is not None:
             p, texture = start.parameters.copy(), start.texture.copy()
+        scattered = light.scattered + _usual_scattering(particles)
+        if not texture.any():
+            texture[:] = _first_texture(scene.log_light - np.logaddexp(light.direct, scattered))
         evidence, precision = fit(
-            scene.log_light, scene.variance, light.direct, direct_by,
-            light.scattered + _usual_scattering(particles), scattered_by, scene.details, fitted,
-            p, texture)
+            scene.log_light, scene.variance, light.direct, direct_by, scattered, scattered_by,
+            scene.details, fitted, p, texture)
         if not math.isfinite(evidence):
             # It weighs nothing, and the next one starts anew.
             evidence, precision = -math.inf, np.eye(len(p))
@@ -355,6 +357,16 @@ def _over_grid(
             for other in (best - 1, best + 1) if 0 <= other < len(fits)]
         fits = sorted([*fits, *fresh], key=lambda each: each.particles)
     return fits
+
+
+def _first_texture(residual: Array) -> Array:
+    """Covariance (3, 3) of ln ρ, by the robust deviation of nodes (N, 3): common and of each."""
+    away = residual - np.median(residual, axis=0)
+    common = away.mean(axis=1)
+    # Of a normal distribution, 1.48 median absolute deviations are one standard deviation.
+    both = 0.5 * (1.48 * np.median(np.abs(common))) ** 2 + 1e-3
+    alone = (1.48 * np.median(np.abs(away - common[:, np.newaxis]))) ** 2 + 1e-4
+    return np.asarray(both + alone * np.eye(3))
 
 
 def _expected(particles: float) -> float:
@@ -472,7 +484,7 @@ def fit(
         scattered light (K), ln of its amount over the usual one (3) and trends of ln ρ (3).
         Updated.
     texture : (L, 3, 3) float64 ndarray
-        Covariance of ln ρ of each scale; updated, and set first where it is 0.
+        Covariance of ln ρ of each scale; updated.
 
     Returns
     -------
@@ -500,8 +512,6 @@ def fit(
                 for j in range(count):
                     jacobian[i, c, j] = (
                         part * direct_by[i, c, j] + (1.0 - part) * scattered_by[i, c, j])
-        if texture[0, 0, 0] <= 0.0:
-            texture[:] = _first_texture(residual)
         prior = _expect(fitted, texture[-1] / number, count)
         precision, slope, likelihood = prior.copy(), -prior @ p, 0.0
         gathered, gathered_weight = np.zeros_like(texture), np.zeros(len(texture))
@@ -538,7 +548,9 @@ def fit(
             for c in range(3):
                 for j in range(3):
                     gathered[level, c, j] += robust * part * r[c] * r[j] / (own[c] * own[j])
-        precision = np.tril(precision) + np.tril(precision, -1).T
+        for i in range(count):
+            for j in range(i):
+                precision[j, i] = precision[i, j]
         if not (np.isfinite(slope).all() and np.isfinite(precision).all()):
             return math.nan, precision
         change = np.linalg.solve(precision, slope)
@@ -549,19 +561,6 @@ def fit(
     evidence = fitted.evidence * likelihood - 0.5 * (
         p @ prior @ p + np.linalg.slogdet(precision)[1] - np.linalg.slogdet(prior)[1])
     return evidence, precision
-
-
-@njit(nogil=True, error_model="numpy")
-def _first_texture(residual: Any) -> Any:
-    """Texture by the nodes' robust deviation, common to channels and of each."""
-    away = np.empty_like(residual)
-    for c in range(3):
-        away[:, c] = residual[:, c] - np.median(residual[:, c])
-    common = away.sum(axis=1) / 3.0
-    # Of a normal distribution, 1.48 median absolute deviations are one standard deviation.
-    both = 0.5 * (1.48 * np.median(np.abs(common))) ** 2 + 1e-3
-    alone = (1.48 * np.median(np.abs(away - common.reshape(-1, 1)))) ** 2 + 1e-4
-    return both + alone * np.eye(3)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -577,8 +576,10 @@ def _expect(fitted: Any, texture: Any, count: int) -> Any:
         (count - 6, SCATTERING_DEVIATION**2, OF_CHANNELS**2),
         (count - 3, trend * (common + LEAST_TEXTURE), trend * (alone + LEAST_TEXTURE)),
     ):
-        prior[first:first + 3, first:first + 3] = (
-            np.eye(3) - shared / (own + 3.0 * shared)) / own
+        for i in range(3):
+            for j in range(3):
+                prior[first + i, first + j] = -shared / (own + 3.0 * shared) / own
+            prior[first + i, first + i] += 1.0 / own
     return prior
 
 
