@@ -64,7 +64,8 @@ def main() -> None:
     if not options.paced:
         # What was sent last is still on its way.
         time.sleep(1.0)
-    print(json.dumps({"sent": len(stamps), "late": late, "first": stamps[0], "last": stamps[-1]}))
+    found = {"sent": len(stamps), "late": late, "first": stamps[0], "last": stamps[-1]}
+    print(json.dumps(found), flush=True)
     node.destroy_node()
     rclpy.shutdown()
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import pickle
 import subprocess
@@ -76,12 +77,13 @@ def publish(
 
     before: dict[str, int] = {}
     before = count()
-    with subprocess.Popen(
+    camera = subprocess.Popen(
         [sys.executable, "-m", "benchmarks.node_publisher", str(frame),
          "--frames", str(FRAMES), "--paced", "--wait", "0", *options],
         env=client.environment | environment, cwd=ROOT, stdin=subprocess.PIPE,
         stdout=subprocess.PIPE, text=True,
-    ) as camera:
+    )
+    try:
         assert camera.stdin is not None and camera.stdout is not None
         assert camera.stdout.readline() == "ready\n", "the node does not hear the camera"
         for side in ("left", "right"):
@@ -96,7 +98,13 @@ def publish(
             while min(arrived.values()) < wanted and time.monotonic() < end:
                 time.sleep(0.01)
                 arrived = count()
-        assert json.loads(camera.stdout.read())["sent"] == FRAMES
+        assert json.loads(camera.stdout.readline())["sent"] == FRAMES
+    finally:
+        # A middleware that hangs at its end would keep this test, and others behind it.
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            camera.communicate(timeout=20.0)
+        camera.kill()
+        camera.wait()
     return count()
 
 
