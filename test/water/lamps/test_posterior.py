@@ -24,8 +24,12 @@ ALL = np.ones(3, bool)
 def nodes(
     particles: float, texture: float = 0.05, exponent: float = 0.0, seed: int = 0,
     near: float = 1.2, far: float = 7.0, trend: float = 0.0, scattering: float = 1e-4,
+    daylight: float = 0.0, veil: float = 0.5,
 ) -> Nodes:
-    """Ground from a near to a far range, in the model's own light."""
+    """Ground from a near to a far range, in the model's own light.
+
+    `daylight` is its share in the ground's light, and `veil` that of open water over it.
+    """
     rng = np.random.default_rng(seed)
     place = np.argwhere(np.ones((16, 20), bool))
     column, row = 10.0 * place[:, 1], 9.0 * place[:, 0]
@@ -45,7 +49,12 @@ def nodes(
     albedo = np.exp(
         texture * rng.standard_normal(len(place)) + trend * np.log(distance))[:, None]
     scattered = np.log(scattering * (1.0 - np.exp(-0.3 * distance)))
-    shown = 0.3 * albedo * light + np.exp(scattered)[:, None]
+    # Of a colour that clear water alone does not give it.
+    left = np.exp(-np.outer(distance, beta))
+    day = (daylight / (1.0 - daylight) * light.mean() / left.mean()
+           * np.array([0.6, 1.0, 0.7]))
+    shown = 0.3 * (albedo * (light + day * left) + day * veil * (1.0 - left))
+    shown += np.exp(scattered)[:, None]
     return Nodes(
         place, shown, shown, np.full((len(place), 3), 1e-6), distance, direction, normal,
         np.broadcast_to(scattered, (len(ATTENUATIONS), 3, len(place))).copy(),
@@ -92,6 +101,24 @@ def test_exposure_tells_nothing_and_scales_what_it_should() -> None:
     np.testing.assert_allclose(other.log_attenuation, one.log_attenuation, atol=1e-6)
     np.testing.assert_allclose(other.power, 0.25 * one.power, rtol=1e-5)
     np.testing.assert_allclose(other.scattering, 0.25 * one.scattering, rtol=1e-5)
+
+
+@pytest.mark.parametrize("daylight", [0.25, 0.8])
+@pytest.mark.parametrize("veil", [0.3, 1.0])
+def test_attenuation_is_told_whatever_the_share_of_daylight(daylight: float, veil: float) -> None:
+    """The share is between those that the posterior begins with, too."""
+    lighting = replace(LIGHTING, model="both")
+    scores = []
+    for seed in range(2):
+        shown = nodes(0.15, 0.2, seed=seed, daylight=daylight, veil=veil)
+        posterior = infer([shown], lighting, CLEAR_WATER, ALL, ONE_SIGMA)
+        assert posterior is not None
+        deviation = np.sqrt(np.diag(posterior.covariance))
+        assert (deviation < 0.7).all()
+        scores.append((posterior.log_attenuation - np.log(CLEAR_WATER + 0.15)) / deviation)
+        assert (posterior.daylight > 0.0).all()
+    assert np.abs(scores).max() < 3.0
+    assert np.sqrt(np.mean(np.square(scores))) < 1.5
 
 
 def test_one_range_leaves_what_was_expected() -> None:

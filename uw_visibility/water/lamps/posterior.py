@@ -134,11 +134,24 @@ class LampPosterior:
     daylight: Array
 
 
+class _LightOfDay(NamedTuple):
+    """Daylight at nodes for one attenuation, over the light of lamps of power 1.
+
+    Of white ground before the camera, (3,); ln of what arrives of it, ln of its veil and its change
+    by β, (N, 3) each.
+    """
+
+    white: Array
+    from_ground: Array
+    veil: Array
+    slope: Array
+
+
 class _Light(NamedTuple):
     """ln D and ln S at nodes for one attenuation, and what they change by.
 
     ln D at the usual exponent, its change by k, the path −d ln D / dβ, ln S and d ln S / dβ, (N, 3)
-    each; light of white by daylight over that of lamps of power 1, (3,).
+    each.
     """
 
     direct: Array
@@ -146,7 +159,7 @@ class _Light(NamedTuple):
     path: Array
     scattered: Array
     slope: Array
-    daylight: Array
+    day: _LightOfDay | None
 
 
 class Daylight(NamedTuple):
@@ -162,8 +175,14 @@ class Daylight(NamedTuple):
 # What daylight beside lamps may be like, each as probable as the others; veil over its light.
 NIGHT = Daylight()
 DAYS = (NIGHT, *(
-    Daylight(share, depth) for share in (0.05, 0.3, 0.7, 0.95) for depth in (2.0, 15.0)))
+    Daylight(share, depth) for share in (0.1, 0.5, 0.9) for depth in (2.0, 15.0)))
 DAYLIGHT_VEIL = 0.5
+# What ln of daylight's light may change by: half of the way to the next of these shares, and in
+# each channel what clear water of the best depth is off by in waters of the laboratory; and ln of
+# its veil over it (beliefs `veil.ratio`, `veil.ratio_spread`). Where both are among the parameters.
+_DAYLIGHT_CHANGE = np.column_stack((np.full(3, 1.0), 0.25 * np.eye(3)))
+_VEIL_CHANGE = np.column_stack((np.full(3, 0.8), 0.25 * np.eye(3)))
+_DAYLIGHT, _VEIL = slice(-14, -10), slice(-10, -6)
 
 
 def infer(
@@ -253,40 +272,51 @@ class _Scene:
         near, far = self.log_scattered[low, channel], self.log_scattered[low + 1, channel]
         scattered = ((1 - part)[:, np.newaxis] * near + part[:, np.newaxis] * far).T
         slope = ((far - near) / step[:, np.newaxis]).T
-        daylight = np.zeros(3)
-        if day.share:
-            left = np.exp(-attenuation * self.range[:, np.newaxis])
-            colour = (clear_water.min() - clear_water) * day.depth
-            level = float((np.median(direct, axis=0) - np.median(np.log(left), axis=0)).mean())
-            log_day = math.log(day.share / (1.0 - day.share)) + level + colour
-            both = np.logaddexp(direct, log_day + np.log(left))
-            lamps = np.exp(direct - both)
-            path = lamps * path + (1.0 - lamps) * self.range[:, np.newaxis]
-            by_exponent = lamps * by_exponent
-            # In units of the lamps' scattered light of the usual amount.
-            particles = max(float((attenuation - clear_water).mean()), float(PARTICLES[0]))
-            veil = log_day + np.log(DAYLIGHT_VEIL * (1.0 - left)) - _usual_scattering(particles)
-            scattered, direct, daylight = np.logaddexp(scattered, veil), both, np.exp(log_day)
-        return _Light(*map(np.ascontiguousarray, (
-            direct, by_exponent, path, scattered, slope, daylight)))
+        by_day = self._daylight(attenuation, clear_water, day, direct) if day.share else None
+        return _Light(direct, by_exponent, path, scattered, slope, by_day)
 
-    def changes(self, light: _Light, to_channels: Array) -> tuple[Array, Array]:
-        """Changes of ln D and of ln S by the parameters of `fit`, (N, 3, P) each.
+    def _daylight(
+        self, attenuation: Array, clear_water: Array, day: Daylight, direct: Array
+    ) -> _LightOfDay:
+        """Daylight of a share in the ground's light, beside that of lamps."""
+        depth = attenuation * self.range[:, np.newaxis]
+        colour = (clear_water.min() - clear_water) * day.depth
+        level = float((np.median(direct, axis=0) + np.median(depth, axis=0)).mean())
+        light = math.log(day.share / (1.0 - day.share)) + level + colour
+        left = np.exp(-depth)
+        return _LightOfDay(
+            np.exp(light), light - depth, light + np.log(DAYLIGHT_VEIL * (1.0 - left)),
+            self.range[:, np.newaxis] * left / (1.0 - left))
 
-        `to_channels` (3, 2) makes changes of β of the first two.
+    def parts(self, light: _Light, to_channels: Array, usual: float) -> tuple[Array, Array]:
+        """Logarithms of the light's parts, (2, L, N, 3), and changes by the parameters of `fit`.
+
+        From the ground and from the water, each by lamps and, where there is any, by daylight.
+        Changes are (2, L, N, 3, P). `to_channels` (3, 2) makes changes of β of the first two;
+        `usual` is ln of the usual amount of scattered light.
         """
         mean = light.path.mean(axis=1)
         trend = (mean - mean.mean()) / max(float(mean.std()), 1e-6)
         moved, bent = self.moved.shape[1], self.course.shape[1]
-        direct, scattered = np.zeros((2, *light.path.shape, 9 + moved + bent))
-        direct[..., :2] = -light.path[..., np.newaxis] * to_channels
-        direct[..., 2] = light.by_exponent
-        direct[..., 3:3 + moved] = self.moved[:, np.newaxis]
-        direct[..., -3:] = trend[:, np.newaxis, np.newaxis] * np.eye(3)
-        scattered[..., :2] = light.slope[..., np.newaxis] * to_channels
-        scattered[..., 3 + moved:-6] = self.course[:, np.newaxis]
-        scattered[..., -6:-3] = np.eye(3)
-        return direct, scattered
+        kinds, count = (1, 0) if light.day is None else (2, 8)
+        count += 9 + moved + bent
+        ground, water = changes = np.zeros((2, kinds, *light.path.shape, count))
+        ground[..., -3:] = trend[:, np.newaxis, np.newaxis] * np.eye(3)
+        water[..., -6:-3] = np.eye(3)
+        ground[0, ..., :2] = -light.path[..., np.newaxis] * to_channels
+        ground[0, ..., 2] = light.by_exponent
+        ground[0, ..., 3:3 + moved] = self.moved[:, np.newaxis]
+        water[0, ..., :2] = light.slope[..., np.newaxis] * to_channels
+        water[0, ..., 3 + moved:3 + moved + bent] = self.course[:, np.newaxis]
+        logs = np.array([[light.direct], [light.scattered + usual]])
+        if light.day is not None:
+            logs = np.append(logs, [[light.day.from_ground], [light.day.veil]], axis=1)
+            ground[1, ..., :2] = -self.range[:, np.newaxis, np.newaxis] * to_channels
+            water[1, ..., :2] = light.day.slope[..., np.newaxis] * to_channels
+            water[1, ..., -6:-3] = 0.0
+            ground[1, ..., _DAYLIGHT] = water[1, ..., _DAYLIGHT] = _DAYLIGHT_CHANGE
+            water[1, ..., _VEIL] = _VEIL_CHANGE
+        return logs, changes
 
 
 def _usual_scattering(particles: float) -> float:
@@ -323,16 +353,14 @@ def _over_grid(
         apart = np.hypot(CHANNEL_DEVIATION * particles, CLEAR_WATER_DEVIATION * clear_water)
         to_channels = (_BETWEEN_CHANNELS * apart).T
         light = scene.light(clear_water + particles, clear_water, day)
-        direct_by, scattered_by = scene.changes(light, to_channels)
-        p, texture = np.zeros(direct_by.shape[2]), np.zeros((scene.details.levels, 3, 3))
+        logs, changes = scene.parts(light, to_channels, _usual_scattering(particles))
+        p, texture = np.zeros(changes.shape[-1]), np.zeros((scene.details.levels, 3, 3))
         if start is not None:
             p, texture = start.parameters.copy(), start.texture.copy()
-        scattered = light.scattered + _usual_scattering(particles)
         if not texture.any():
-            texture[:] = _first_texture(scene.log_light - np.logaddexp(light.direct, scattered))
+            texture[:] = _first_texture(scene.log_light - np.logaddexp.reduce(logs, axis=(0, 1)))
         evidence, precision = fit(
-            scene.log_light, scene.variance, light.direct, direct_by, scattered, scattered_by,
-            scene.details, fitted, p, texture)
+            scene.log_light, scene.variance, logs, changes, scene.details, fitted, p, texture)
         if not math.isfinite(evidence):
             # It weighs nothing, and the next one starts anew.
             evidence, precision = -math.inf, np.eye(len(p))
@@ -395,12 +423,18 @@ def _summed(
     best = min(grid, key=lambda each: abs(math.log(each.particles) - fine[most % FINE]))
     p, light = best.parameters, scene.light(best.attenuation, clear_water, day)
     amount = _usual_scattering(best.particles) + p[-6:-3]
+    cosine = (USUAL_EXPONENT + p[2]) * light.by_exponent
     direct = light.direct + light.by_exponent * p[2]
-    scattered = light.scattered + amount
+    scattered, daylight = light.scattered + amount, np.zeros(3)
+    if light.day is not None:
+        change = _DAYLIGHT_CHANGE @ p[_DAYLIGHT]
+        both = np.logaddexp(direct, light.day.from_ground + change)
+        cosine *= np.exp(direct - both)
+        direct, daylight = both, light.day.white * np.exp(change)
+        scattered = np.logaddexp(scattered, light.day.veil + change + _VEIL_CHANGE @ p[_VEIL])
     log_level = np.median(scene.log_light - np.logaddexp(direct, scattered), axis=0)
     level = np.exp(log_level)
     # Images are restored as if the ground faced the lamps.
-    cosine = (USUAL_EXPONENT + p[2]) * light.by_exponent
     facing = direct - cosine
     usual = level * np.exp(np.median(cosine, axis=0))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -413,7 +447,7 @@ def _summed(
     return LampPosterior(
         middle, spread, _of_clearest(weight, mean, covariance, seen, quantiles),
         USUAL_EXPONENT + float(p[2]), power, level * np.exp(amount),
-        np.sqrt(best.scattering_variance), power * light.daylight * level / usual)
+        np.sqrt(best.scattering_variance), power * daylight * level / usual)
 
 
 def _interpolated(grid: list[_Fit], highest: float, fine: Array) -> tuple[Array, Array, Array]:
@@ -462,8 +496,8 @@ def _of_clearest(
 
 @njit(nogil=True, error_model="numpy")
 def fit(
-    log_light: Any, variances: Any, log_direct: Any, direct_by: Any, log_scattered: Any,
-    scattered_by: Any, details: Any, fitted: Any, p: Any, texture: Any,
+    log_light: Any, variances: Any, logs: Any, changes: Any, details: Any, fitted: Any, p: Any,
+    texture: Any,
 ) -> tuple[float, Any]:
     """Fit the unknowns beside the attenuation by particles.
 
@@ -473,16 +507,18 @@ def fit(
 
     Parameters
     ----------
-    log_light, variances, log_direct, log_scattered : (N, 3) float64 ndarray
-        ln E and its variance, ln D and ln s S.
-    direct_by, scattered_by : (N, 3, P) float64 ndarray
+    log_light, variances : (N, 3) float64 ndarray
+        ln E and its variance.
+    logs : (2, L, N, 3) float64 ndarray
+        ln of the light's parts, from the ground and from the water.
+    changes : (2, L, N, 3, P) float64 ndarray
         What these change by with `p`.
     details : Details
     fitted : Fitted
     p : (P,) float64 ndarray
         Differences of β (2), the exponent's departure, displacements of lamps (M), the course of
-        scattered light (K), ln of its amount over the usual one (3) and trends of ln ρ (3).
-        Updated.
+        scattered light (K), ln of daylight and of its veil (4 and 4, where there is any), ln of the
+        amount of scattered light over the usual one (3) and trends of ln ρ (3). Updated.
     texture : (L, 3, 3) float64 ndarray
         Covariance of ln ρ of each scale; updated.
 
@@ -493,25 +529,33 @@ def fit(
     (P, P) float64 ndarray
         Precision of `p`.
     """
-    number, _, count = direct_by.shape
+    _, lights, number, _, count = changes.shape
     residual, share = np.empty((number, 3)), np.empty((number, 3))
-    jacobian = np.empty(direct_by.shape)
+    jacobian, parts = np.empty((number, 3, count)), np.empty((2, lights))
     r, own, noise = np.empty(3), np.empty(3), np.empty(3)
     x, wx = np.empty((3, count)), np.empty((3, count))
     variance, weight = np.empty((3, 3)), np.empty((3, 3))
     for step in range(MOST_STEPS):
         for i in range(number):
             for c in range(3):
-                direct, scattered = log_direct[i, c], log_scattered[i, c]
+                total = -math.inf
+                for k in range(2):
+                    for m in range(lights):
+                        part = logs[k, m, i, c]
+                        for j in range(count):
+                            part += changes[k, m, i, c, j] * p[j]
+                        parts[k, m], total = part, np.logaddexp(total, part)
+                residual[i, c], share[i, c] = log_light[i, c] - total, 0.0
                 for j in range(count):
-                    direct += direct_by[i, c, j] * p[j]
-                    scattered += scattered_by[i, c, j] * p[j]
-                total = np.logaddexp(direct, scattered)
-                part = math.exp(direct - total)
-                residual[i, c], share[i, c] = log_light[i, c] - total, part * part
-                for j in range(count):
-                    jacobian[i, c, j] = (
-                        part * direct_by[i, c, j] + (1.0 - part) * scattered_by[i, c, j])
+                    jacobian[i, c, j] = 0.0
+                for k in range(2):
+                    for m in range(lights):
+                        part = math.exp(parts[k, m] - total)
+                        if k == 0:
+                            share[i, c] += part
+                        for j in range(count):
+                            jacobian[i, c, j] += part * changes[k, m, i, c, j]
+                share[i, c] *= share[i, c]
         prior = _expect(fitted, texture[-1] / number, count)
         precision, slope, likelihood = prior.copy(), -prior @ p, 0.0
         gathered, gathered_weight = np.zeros_like(texture), np.zeros(len(texture))
