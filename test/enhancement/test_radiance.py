@@ -9,11 +9,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scenes import in_water
-from scipy.ndimage import map_coordinates
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
-from uw_visibility.enhancement.grain import CELL, find_grain
+from uw_visibility.enhancement.grain import find_grain
 from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.errors import InputError
 from uw_visibility.optics.light_model import attenuate
@@ -60,14 +59,7 @@ def expected(
     config: EnhancementConfig, noise: np.ndarray,
 ) -> np.ndarray:
     """What `Restorer` says it does with linear images, in double precision."""
-    found = find_grain(image, noise, linear_table("linear", image.dtype), Workers(1))
-    y, x = ((np.arange(size) - (CELL - 1) / 2) / CELL for size in image.shape[:2])
-    mean, share = (
-        np.stack([
-            map_coordinates(plane.astype(float), np.meshgrid(y, x, indexing="ij"), order=1,
-                            mode="nearest") for plane in planes], axis=-1)
-        for planes in found)
-    grain = share * (image - mean)
+    grain = np.moveaxis(find_grain(image, noise, linear_table("linear", image.dtype)), 0, -1)
     light, veil, white = image / 255.0 - grain, water.ambient_light, water.scene_light
     gain = np.exp(np.minimum(
         water.attenuation * distance[..., np.newaxis], np.log(64.0 * config.max_gain)))

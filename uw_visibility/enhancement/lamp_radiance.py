@@ -14,8 +14,7 @@ from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
-from uw_visibility.enhancement import radiance_kernels as kernels
-from uw_visibility.enhancement.grain import find_grain, spread_row
+from uw_visibility.enhancement.grain import find_grain
 from uw_visibility.enhancement.radiance import as_channels, irradiance_noise
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, RangeMap
@@ -77,8 +76,7 @@ class LampRestorer:
         self._workers.rows(
             _restore, planes.shape[0], planes, range_map, decode,
             encode_table(self._transfer, image.dtype), light, grid, _places(),
-            limits.astype(np.float32), known, *find_grain(planes, noise, decode, self._workers),
-            enhanced, limited)
+            limits.astype(np.float32), known, find_grain(planes, noise, decode), enhanced, limited)
         return enhanced.reshape(image.shape), limited
 
 
@@ -92,21 +90,17 @@ def _places() -> NDArray[np.float32]:
 @njit(nogil=True, error_model="numpy")
 def _restore(
     start: int, stop: int, image: Any, distance: Any, decode: Any, encode: Any, light: Any,
-    grid: Any, place_of: Any, limits: Any, known: Any, smooth: Any, grain: Any, enhanced: Any,
-    limited: Any,
+    grid: Any, place_of: Any, limits: Any, known: Any, grain: Any, enhanced: Any, limited: Any,
 ) -> None:
-    """Restore a band of rows, plane by plane as `radiance_kernels.restore` does.
+    """Restore a band of rows, plane by plane, which makes vector code.
 
-    `light` is (Y, 3, X, R, 2), `place_of` the node of each step of range. Grain (`smooth` and
-    `grain` of `grain.Grain`) is handed on as it is.
+    `light` is (Y, 3, X, R, 2), `place_of` the node of each step of range. `grain` (3, H, W) is
+    handed on as it is.
     """
     width = image.shape[1]
     last_row, last_column = light.shape[0] - 1, light.shape[2] - 1
     zero, half, one = np.float32(0), np.float32(0.5), np.float32(1)
-    lowest = np.float32(_LOWEST)
-    logs = np.log(limits) - lowest
-    p, middle = kernels.polynomial(np.float64(logs.max()), 1.0)
-    scale = np.float32(math.exp(_LOWEST))
+    lowest, logs = np.float32(_LOWEST), np.log(limits)
     per_metre = np.float32(place_of.size / RANGES[-1])
     top = np.float32(encode.size - 1)
     here = np.empty(light.shape[1:], np.float32)
@@ -117,10 +111,6 @@ def _restore(
     gain = np.empty(width, np.float32)
     value = np.empty((3, width), np.float32)
     kept = np.empty((3, width), np.float32)
-    noisy = np.empty((3, width), np.float32)
-    level = np.empty(width, np.float32)
-    share_of = np.empty(width, np.float32)
-    cells = np.empty(smooth.shape[2], np.float32)
     for x in range(width):
         place = min(np.float32(x) / grid[1], np.float32(last_column - 0.001))
         column[x] = index_of(place, 0, max(last_column - 1, 0))
@@ -142,32 +132,21 @@ def _restore(
             if not known[c]:
                 kept[c] = 0
                 value[c] = 0
-                noisy[c] = 0
                 continue
             plane = here[c]
-            spread_row(smooth[c], y, cells, level)
-            spread_row(grain[c], y, cells, share_of)
-            for x in range(width):
-                noisy[c, x] = (np.float32(image[y, x, c]) - level[x]) * share_of[x]
             for x in range(width):
                 i, k, fx, fz = column[x], node[x], across[x], along[x]
                 a, b = (one - fx) * (one - fz), fx * (one - fz)
                 e, f = (one - fx) * fz, fx * fz
                 gain[x] = -(a * plane[i, k, 0] + b * plane[i + 1, k, 0]
                             + e * plane[i, k + 1, 0] + f * plane[i + 1, k + 1, 0])
-                value[c, x] = decode[image[y, x, c]] - noisy[c, x] - (
+                value[c, x] = decode[image[y, x, c]] - grain[c, y, x] - (
                     a * plane[i, k, 1] + b * plane[i + 1, k, 1]
                     + e * plane[i, k + 1, 1] + f * plane[i + 1, k + 1, 1])
             for x in range(width):
-                excess = gain[x] - (logs[c] + lowest)
-                excess = excess if excess > zero else zero
+                excess = max(gain[x] - logs[c], zero)
                 kept[c, x] = one / (one + excess + half * excess * excess)
-                t = gain[x] - lowest
-                t = t if t > zero else zero
-                gain[x] = t if t < logs[c] else logs[c]
-            kernels.exponential(p, middle, gain)
-            for x in range(width):
-                value[c, x] *= scale * gain[x]
+                value[c, x] *= np.exp(min(max(gain[x], lowest), logs[c]))
         for x in range(width):
             total = kept[0, x] + kept[1, x] + kept[2, x] + np.float32(1e-6)
             mean = (kept[0, x] * value[0, x] + kept[1, x] * value[1, x]
@@ -178,7 +157,7 @@ def _restore(
                 radiance = value[c, x] + (best - kept[c, x]) * mean
                 radiance = radiance if radiance > zero else zero
                 radiance = radiance if radiance < one else one
-                value[c, x] = (radiance + noisy[c, x]) * top + half
+                value[c, x] = (radiance + grain[c, y, x]) * top + half
         for c in range(3):
             for x in range(width):
                 enhanced[y, x, c] = (

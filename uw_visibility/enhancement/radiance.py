@@ -5,14 +5,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.compute.indexing import index_of
+from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
-from uw_visibility.enhancement import radiance_kernels as kernels
 from uw_visibility.enhancement.grain import find_grain
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, RangeMap
@@ -31,12 +32,11 @@ _GRAIN = 0.2
 _MOST_NOISE = 0.25
 
 
-@dataclass(frozen=True)
-class Channels:
+class _Channels(NamedTuple):
     """Attenuation (1/m), veil B, light W and errors of an image's channels, as kernels take them.
 
-    `exposure`, `noise` and `veil_error` are X, N and V of `radiance_kernels.restore`. A channel
-    that is not assessable stays as it is, by infinite noise. The paper's model is W = B.
+    `exposure`, `noise` and `veil_error` are X, N and V of `_restore`. A channel that is not
+    assessable stays as it is, by infinite noise. The paper's model is W = B.
     """
 
     attenuation: NDArray[np.float32]
@@ -98,21 +98,24 @@ class Restorer:
         decode = linear_table(self._transfer, image.dtype)
         noise = noise_stddev(image) if noise is None else noise
         channels = self._prepare(water, planes.shape[2], noise, decode)
+        ranged = (range_map >= 0) & (range_map < np.inf)
+        trust = np.where(ranged, np.float32(1) if known is None else known, np.float32(0))
+        with np.errstate(invalid="ignore"):
+            # The number of a number and NaN is the number.
+            thickness = np.fmin(
+                channels.attenuation[:, np.newaxis, np.newaxis] * range_map,
+                np.float32(math.log(_BEYOND * self._max_gain)))
         enhanced = np.empty(planes.shape, image.dtype)
-        limited = np.empty(range_map.shape, np.bool_)
+        limited = np.zeros(range_map.shape, np.bool_)
         self._workers.rows(
-            kernels.restore, planes.shape[0], planes, range_map,
-            np.ones(range_map.shape, np.float32) if known is None else known,
-            decode, encode_table(self._transfer, image.dtype), channels.attenuation,
-            channels.veil, channels.light, channels.exposure, channels.noise, channels.veil_error,
-            np.float32(math.log(_BEYOND * self._max_gain)),
-            *find_grain(planes, noise, decode, self._workers), enhanced, limited,
-        )
+            _restore, planes.shape[0], planes, np.exp(thickness), trust, decode,
+            encode_table(self._transfer, image.dtype), *channels[1:],
+            find_grain(planes, noise, decode), enhanced, limited)
         return enhanced.reshape(image.shape), limited
 
     def _prepare(
         self, water: Water, count: int, noise: Array, decode: NDArray[np.float32]
-    ) -> Channels:
+    ) -> _Channels:
         """Convert a water's state, and the errors of what it restores, to what kernels take."""
         attenuation = np.atleast_1d(np.asarray(water.attenuation, dtype=np.float64))
         veil = np.atleast_1d(np.asarray(water.ambient_light, dtype=np.float64))
@@ -130,7 +133,7 @@ class Restorer:
         least += (0.5 / self._max_gain) ** 2
         veil_stddev = getattr(water, "veil_stddev", None)
         stddev = np.zeros(count) if veil_stddev is None else np.nan_to_num(veil_stddev)
-        return Channels(*(values.astype(np.float32) for values in (
+        return _Channels(*(values.astype(np.float32) for values in (
             np.where(assessable, np.maximum(attenuation, 0.0), 0.0), veil, light,
             np.ones(count) * getattr(water, "exposure", 1.0),
             np.where(assessable, least, np.inf), (stddev / (_MOST_VEIL * light)) ** 2)))
@@ -155,3 +158,75 @@ def as_channels(image: NDArray[np.generic], range_map: RangeMap) -> NDArray[np.g
             "give both of the same view"
         )
     return image[:, :, np.newaxis] if image.ndim == 2 else image
+
+
+@njit(nogil=True, error_model="numpy")
+def _restore(
+    start: int, stop: int, image: Any, gain: Any, trust: Any, decode: Any, encode: Any, veil: Any,
+    light: Any, exposure: Any, noise: Any, veil_error: Any, grain: Any, enhanced: Any, limited: Any,
+) -> None:
+    """Restore a band of rows: E/X + k (ρ - E/X), ρ = B/W + (E/W - B/W) exp(βd) within 0..1.
+
+    X is `exposure`, `gain` (C, H, W) is exp(βd), and k is Wiener's part of it: `trust` over
+    1 + N exp(2βd) + V (exp(βd) - 1)², with `noise` N and `veil_error` V; with infinite N a
+    channel stays as it is.
+    What the best channel has more, a channel takes from the mean of all, each counting by its k:
+    else the channel that water takes first would turn all that is far into its colour.
+    What is changed is the image without its `grain` (C, H, W), which is handed on as it is.
+
+    A row is worked on plane by plane in small buffers, since the compiler makes vector code of
+    loops over contiguous floats without lookups, branches or calls.
+    """
+    width, count = image.shape[1], image.shape[2]
+    seen = np.empty((count, width), np.float32)
+    restored = np.empty((count, width), np.float32)
+    part = np.empty((count, width), np.float32)
+    total = np.empty(width, np.float32)
+    mean = np.empty(width, np.float32)
+    best = np.empty(width, np.float32)
+    top = np.float32(encode.size - 1)
+    half = np.float32(0.5)
+    one = np.float32(1)
+    zero = np.float32(0)
+    for y in range(start, stop):
+        for x in range(width):
+            for c in range(count):
+                seen[c, x] = decode[image[y, x, c]]
+        total[:] = np.float32(1e-6)
+        mean[:] = 0
+        best[:] = 0
+        for c in range(count):
+            if not noise[c] < np.inf:
+                continue
+            inverse = one / light[c]
+            water = veil[c] / light[c]
+            for x in range(width):
+                seen[c, x] -= grain[c, y, x]
+                e = gain[c, y, x]
+                radiance = water + (seen[c, x] * inverse - water) * e
+                radiance = radiance if radiance > zero else zero
+                radiance = radiance if radiance < one else one
+                k = trust[y, x] / (one + noise[c] * e * e + veil_error[c] * (e - one) * (e - one))
+                restored[c, x] = radiance
+                part[c, x] = k
+                total[x] += k
+                mean[x] += k * radiance
+                best[x] = best[x] if best[x] > k else k
+        for x in range(width):
+            mean[x] /= total[x]
+        for c in range(count):
+            plane = seen[c]
+            if noise[c] < np.inf:
+                inverse = one / exposure[c]
+                for x in range(width):
+                    k = part[c, x]
+                    plane[x] *= inverse
+                    limited[y, x] |= k < half
+                    plane[x] += (
+                        k * (restored[c, x] - plane[x]) + (best[x] - k) * (mean[x] - plane[x]))
+                    plane[x] += grain[c, y, x] * inverse
+            for x in range(width):
+                plane[x] = plane[x] * top + half
+        for x in range(width):
+            for c in range(count):
+                enhanced[y, x, c] = encode[np.uint32(index_of(seen[c, x], zero, top))]
