@@ -25,7 +25,6 @@ from uw_visibility.pipeline.result import StageClock
 from uw_visibility.status import Status
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS, SupportPoints
-from uw_visibility.stereo.interpolation import GapFiller
 from uw_visibility.stereo.matchers import MATCHER, MATCHERS, disparity_limits
 from uw_visibility.stereo.plane import fill_plane
 from uw_visibility.stereo.pyramid import Pyramid
@@ -90,7 +89,6 @@ class Scale:
         self.matcher = MATCHERS[matcher](small, limits, stereo, workers)
         self.contrast = (
             ContrastNormalizer(small, self.factor), ContrastNormalizer(small, self.factor))
-        self.gaps = GapFiller(small, config.enhancement.max_gap, workers)
 
     def downsample(self, views: StereoViews) -> StereoViews:
         """Return the pair at this scale."""

@@ -22,7 +22,7 @@ from uw_visibility.stereo.codec_noise import with_codec_noise
 from uw_visibility.stereo.contrast import LUMA, least_noise_weights
 from uw_visibility.stereo.denoising import ROUNDING
 from uw_visibility.stereo.elas import DenseMatch, SupportPoints
-from uw_visibility.stereo.interpolation import inpaint
+from uw_visibility.stereo.interpolation import fill_gaps, inpaint
 from uw_visibility.stereo.matchers import disparity_limits
 from uw_visibility.stereo.noise_scale import matching_scale, shown
 from uw_visibility.stereo.onnx_matcher import NetworkMatch
@@ -116,8 +116,9 @@ class SecondStep:
         """Fill gaps of the left view's disparity, then large areas; at the images' size, px."""
         match = improved.match
         scale = self._scales[improved.scale]
-        filled = inpaint(scale.gaps.fill(_whole(match), match.right))
-        return scale.pyramid.upsample_disparity(filled)
+        filled = fill_gaps(
+            _whole(match), match.right, self._config.enhancement.max_gap, self._workers)
+        return scale.pyramid.upsample_disparity(inpaint(filled))
 
     def support_points(self, left: View, right: View) -> Points:
         """Return the support points of a raw pair, px of the images."""

@@ -23,40 +23,35 @@ DIRECTIONS = 3
 # How far (px) a disparity of the right map may miss a pixel of the left one and
 # still count as lying on it.
 TOLERANCE = 1
+# Pairs that Batcher's network (doi 10.1145/1468075.1468121) compares: it sorts without branches.
+_NETWORK = (
+    (0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (1, 2), (5, 6),
+    (0, 4), (1, 5), (2, 6), (3, 7), (2, 4), (3, 5), (1, 2), (3, 4), (5, 6))
 
 
-class GapFiller:
+def fill_gaps(
+    left: DisparityMap, right: DisparityMap, max_gap: int, workers: Workers
+) -> NDArray[np.float32]:
     """Discontinuity-preserving gap filling (Hirschmüller 2008, section 2.6.3).
 
-    doi 10.1109/TPAMI.2007.1166. Holds its buffers: one call at a time. `max_gap` is how far a
-    pixel looks for disparities, px.
+    From the eight directions around each pixel, doi 10.1109/TPAMI.2007.1166. An occluded pixel
+    takes the second lowest of what it sees, so it belongs to the background; a mismatched one
+    takes their median, so a hole in the foreground stays foreground.
+
+    left: (H, W) float32, left disparity map, px; NaN = a gap.
+    right: (H, W) float32, right disparity map **before** the left/right check, positive px, NaN
+        = unknown. Where none of its disparities points at a pixel, that pixel is occluded.
+    max_gap: how far a pixel looks for disparities, px.
+    Returns (H, W) float32, a new map; NaN stays where fewer than three directions meet a
+    disparity within `max_gap`.
     """
-
-    def __init__(self, shape: tuple[int, int], max_gap: int, workers: Workers) -> None:
-        self.shape = shape
-        self._max_gap = max_gap
-        self._workers = workers
-        self._seen = np.empty((2, DIRECTIONS, *shape), np.float32)
-
-    def fill(self, left: NDArray[np.float32], right: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Fill gaps from the eight directions around each pixel.
-
-        An occluded pixel takes the second lowest of what it sees, so it
-        belongs to the background; a mismatched one takes their median, so a
-        hole in the foreground stays foreground.
-
-        left: (H, W) float32, left disparity map, px; NaN = a gap.
-        right: (H, W) float32, right disparity map **before** the left/right check, positive px, NaN
-            = unknown. Where none of its disparities points at a pixel, that pixel is occluded.
-        Returns (H, W) float32, a new map; NaN stays where fewer than three directions meet a
-        disparity within `max_gap`.
-        """
-        if left.shape != self.shape or right.shape != self.shape:
-            raise InputError(f"disparity maps are not of the shape {self.shape} expected")
-        self._workers.rows(_sweep, 2, left, self._max_gap, self._seen)
-        filled = np.empty_like(left)
-        self._workers.rows(_choose, left.shape[0], left, right, self._max_gap, self._seen, filled)
-        return filled
+    if left.shape != right.shape:
+        raise InputError(f"disparity maps are of the shapes {left.shape} and {right.shape}")
+    seen = np.empty((2, DIRECTIONS, *left.shape), np.float32)
+    workers.rows(_sweep, 2, left, max_gap, seen)
+    filled = np.empty_like(left)
+    workers.rows(_choose, left.shape[0], left, right, max_gap, seen, filled)
+    return filled
 
 
 @njit(nogil=True, error_model="numpy")
@@ -93,35 +88,6 @@ def _sweep(start: int, stop: int, disparity: Any, max_gap: int, seen: Any) -> No
 
 
 @njit(nogil=True, error_model="numpy")
-def _find_gaps(here: Any, columns: Any) -> int:
-    """Write the columns of a row's gaps; return how many there are."""
-    count = 0
-    for x in range(here.size):
-        # Written in any case, since a branch costs more.
-        columns[count] = x
-        count += here[x] != here[x]
-    return count
-
-
-@njit(nogil=True, error_model="numpy")
-def _look_along(here: Any, columns: Any, max_gap: int, before: Any, after: Any) -> None:
-    """Write what is on either side of each gap of a row; inf = nothing within `max_gap`."""
-    count = columns.size
-    nothing = np.float32(np.inf)
-    known = -1
-    for i in range(count):
-        x = columns[i]
-        if i == 0 or columns[i - 1] != x - 1:
-            known = x - 1
-        before[i] = here[known] if known >= 0 and x - known <= max_gap else nothing
-    for i in range(count - 1, -1, -1):
-        x = columns[i]
-        if i == count - 1 or columns[i + 1] != x + 1:
-            known = x + 1
-        after[i] = here[known] if known < here.size and known - x <= max_gap else nothing
-
-
-@njit(nogil=True, error_model="numpy")
 def _point_at(right: Any, hit: Any) -> None:
     """Mark the pixels of a row that a disparity of the right row points at, within `TOLERANCE`.
 
@@ -139,48 +105,19 @@ def _point_at(right: Any, hit: Any) -> None:
                     hit[near] = True
 
 
-@njit(nogil=True, error_model="numpy", inline="always")
-def _order(a: Any, b: Any) -> tuple[Any, Any]:
-    return (a, b) if a < b else (b, a)
-
-
 @njit(nogil=True, error_model="numpy")
-def _choose_of_eight(around: Any, hit: Any, chosen: Any) -> None:
-    """Choose for each of N gaps from the (8, N) disparities around it; inf = none.
-
-    The eight are sorted with Batcher's network (doi 10.1145/1468075.1468121),
-    which has no branches, so many pixels are sorted at once.
-    """
-    v0, v1, v2, v3 = around[0], around[1], around[2], around[3]
-    v4, v5, v6, v7 = around[4], around[5], around[6], around[7]
-    most = np.float32(np.inf)
-    nothing = np.float32(np.nan)
-    for x in range(chosen.size):
-        a, b = _order(v0[x], v1[x])
-        c, d = _order(v2[x], v3[x])
-        e, f = _order(v4[x], v5[x])
-        g, h = _order(v6[x], v7[x])
-        a, c = _order(a, c)
-        b, d = _order(b, d)
-        e, g = _order(e, g)
-        f, h = _order(f, h)
-        b, c = _order(b, c)
-        f, g = _order(f, g)
-        a, e = _order(a, e)
-        b, f = _order(b, f)
-        c, g = _order(c, g)
-        d, h = _order(d, h)
-        c, e = _order(c, e)
-        d, f = _order(d, f)
-        b, c = _order(b, c)
-        d, e = _order(d, e)
-        f, g = _order(f, g)
-        # The lower median of 3 or 4 values is the second, of 5 or 6 the third,
-        # of 7 or 8 the fourth: always a value that was seen.
-        median = c if e < most else b
-        median = d if g < most else median
-        value = median if hit[x] else b
-        chosen[x] = value if c < most else nothing
+def _choose_of_eight(around: Any, hit: bool) -> Any:
+    """Choose from the (8,) disparities around a gap, which are sorted; inf = none."""
+    for i, j in _NETWORK:
+        low, high = min(around[i], around[j]), max(around[i], around[j])
+        around[i], around[j] = low, high
+    count = 0
+    while count < around.size and around[count] < np.inf:
+        count += 1
+    if count < 3:
+        return np.float32(np.nan)
+    # The lower one of two in the middle: always a value that was seen.
+    return around[(count - 1) // 2] if hit else around[1]
 
 
 @njit(nogil=True, error_model="numpy")
@@ -189,28 +126,32 @@ def _choose(
 ) -> None:
     """Fill each gap from the up to eight disparities around it."""
     width = left.shape[1]
+    nothing = np.float32(np.inf)
     hit = np.zeros(width + 4 * TOLERANCE, np.bool_)
-    columns = np.empty(width, np.int32)
-    around = np.empty((8, width), np.float32)
-    hit_gap = np.empty(width, np.bool_)
-    chosen = np.empty(width, np.float32)
+    after = np.empty(width, np.float32)
+    around = np.empty(2 * DIRECTIONS + 2, np.float32)
     for y in range(start, stop):
         here = left[y]
-        filled[y] = here
-        count = _find_gaps(here, columns)
         _point_at(right[y], hit)
-        for i in range(count):
-            x = columns[i]
-            hit_gap[i] = hit[x + 2 * TOLERANCE]
+        value, age = nothing, 0
+        for x in range(width - 1, -1, -1):
+            age += 1
+            if here[x] == here[x]:
+                value, age = here[x], 0
+            after[x] = value if age <= max_gap else nothing
+        value, age = nothing, 0
+        for x in range(width):
+            age += 1
+            filled[y, x] = here[x]
+            if here[x] == here[x]:
+                value, age = here[x], 0
+                continue
             for k in range(DIRECTIONS):
-                around[k, i] = seen[0, k, y, x]
-                around[DIRECTIONS + k, i] = seen[1, k, y, x]
-        _look_along(
-            here, columns[:count], max_gap, around[2 * DIRECTIONS, :count],
-            around[2 * DIRECTIONS + 1, :count])
-        _choose_of_eight(around[:, :count], hit_gap[:count], chosen[:count])
-        for i in range(count):
-            filled[y, columns[i]] = chosen[i]
+                around[k] = seen[0, k, y, x]
+                around[DIRECTIONS + k] = seen[1, k, y, x]
+            around[2 * DIRECTIONS] = value if age <= max_gap else nothing
+            around[2 * DIRECTIONS + 1] = after[x]
+            filled[y, x] = _choose_of_eight(around, hit[x + 2 * TOLERANCE])
 
 
 # Pixels per cell of the grid that large areas are inpainted on.
