@@ -70,7 +70,7 @@ def frame() -> StereoFrame:
 
 
 def result(**changes: Any) -> FrameResult:
-    covariance = np.array([np.diag([s**2, (s / 2) ** 2]) for s in (0.01, 0.02, 0.03)])
+    covariance = np.diag([d**2 for s in (0.01, 0.02, 0.03) for d in (s, s / 2)])
     water = WaterEstimate(
         status=Status.OK, attenuation=np.array([0.5, 0.3, 0.2]),
         ambient_light=np.array([0.1, 0.4, 0.6]), covariance=covariance, iterations=9, bins=30,

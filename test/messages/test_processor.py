@@ -97,7 +97,7 @@ def test_a_filtered_estimate_is_told_apart_from_the_frame_s_own() -> None:
     alone, filtered = (
         WaterEstimate(
             Status.OK, np.full(3, attenuation), np.full(3, 0.5),
-            np.tile(0.01 * np.eye(2), (3, 1, 1)), 9, 30, (Status.OK,) * 3,
+            0.01 * np.eye(6), 9, 30, (Status.OK,) * 3,
         )
         for attenuation in (0.2, 0.4)
     )

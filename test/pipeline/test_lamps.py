@@ -140,7 +140,7 @@ def test_frames_together_tell_what_lights_a_recording(
         WaterEstimate.not_assessable(Status.LIGHT_UNCERTAIN), lamps=lit.lamps, lamps_log_odds=1.0)
     day = WaterEstimate(
         Status.OK, np.array([0.5, 0.3, 0.2]), np.array([0.1, 0.4, 0.6]),
-        np.array([np.diag([0.02**2, 0.01**2])] * 3), 9, 30, (Status.OK,) * 3, lamps_log_odds=-5.0)
+        np.diag([0.02**2, 0.01**2] * 3), 9, 30, (Status.OK,) * 3, lamps_log_odds=-5.0)
     kept = WaterFilter(auto())
     found = [
         kept.update(one, 0.2 * k) for k, one in enumerate([lit, lit, doubt, doubt, *[day] * 24])]

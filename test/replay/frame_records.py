@@ -21,8 +21,7 @@ def frame_estimate(water_status: Status = Status.OK, /, **visibility: Any) -> Fr
     """Make a frame's estimate; what of its visibility is not given is not known."""
     water = WaterEstimate(
         water_status, np.array([0.4, 0.2, math.nan]), np.array([0.1, 1 / 3, math.nan]),
-        np.full((3, 2, 2), 0.1), 7, 30, (water_status, water_status, Status.TOO_DARK),
-        joint_covariance=np.eye(6),
+        np.eye(6), 7, 30, (water_status, water_status, Status.TOO_DARK),
     )
     given = {"status": Status.OK, "depth_status": Status.OK} | visibility
     return FrameEstimate(

@@ -65,8 +65,8 @@ class WaterEstimate:
     ambient_light : (3,) float64 ndarray
         I∞ for R, G, B, in units of irradiance; NaN where not assessable. Where veil and
         light are told apart, it is the veil B.
-    covariance : (3, 2, 2) float64 ndarray
-        Of (attenuation, ambient light), per channel; NaN where not assessable.
+    covariance : (6, 6) float64 ndarray
+        Of β_R, I∞_R, β_G, I∞_G, β_B, I∞_B; NaN where not assessable.
     iterations : int
         Iterations of the fit, the largest over the channels.
     bins : int
@@ -75,9 +75,6 @@ class WaterEstimate:
         For R, G, B.
     envelope : Envelopes or None
         The observations that were fitted.
-    joint_covariance : (6, 6) float64 ndarray or None
-        Of β_R, I∞_R, β_G, I∞_G, β_B, I∞_B; None where the channels are taken
-        as independent.
     light : (3,) float64 ndarray or None
         Light W on the scene; None where it is the veil, as in the paper. See
         `scene_light`.
@@ -115,7 +112,6 @@ class WaterEstimate:
     bins: int
     channel_status: tuple[Status, Status, Status]
     envelope: Envelopes | None = None
-    joint_covariance: Array | None = None
     light: Array | None = None
     light_stddev: Array | None = None
     light_covariance: Array | None = None
@@ -145,12 +141,12 @@ class WaterEstimate:
     @property
     def attenuation_stddev(self) -> Array:
         """(3,) float64: standard deviation of the attenuation, 1/m."""
-        return np.sqrt(self.covariance[:, 0, 0])
+        return np.sqrt(np.diag(self.covariance)[0::2])
 
     @property
     def ambient_light_stddev(self) -> Array:
         """(3,) float64: standard deviation of the ambient light."""
-        return np.sqrt(self.covariance[:, 1, 1])
+        return np.sqrt(np.diag(self.covariance)[1::2])
 
     @property
     def refused_in_light(self) -> Mask:
@@ -166,7 +162,7 @@ class WaterEstimate:
         """Return an estimate that says only why there is none."""
         return cls(
             status=reason, attenuation=np.full(3, np.nan), ambient_light=np.full(3, np.nan),
-            covariance=np.full((3, 2, 2), np.nan), iterations=0,
+            covariance=np.full((6, 6), np.nan), iterations=0,
             bins=0 if envelope is None else len(envelope.range),
             channel_status=(reason, reason, reason), envelope=envelope)
 
@@ -188,30 +184,14 @@ def overall_status(channels: Sequence[Status]) -> Status:
     return next((status for status in lit if status is not Status.OK), Status.OK)
 
 
-def joint_covariance(estimate: WaterEstimate) -> Array:
-    """(6, 6) covariance of β_R, I∞_R, β_G, I∞_G, β_B, I∞_B; of independent channels by default."""
-    if estimate.joint_covariance is not None:
-        return estimate.joint_covariance
-    joint = np.zeros((6, 6))
-    for channel, covariance in enumerate(estimate.covariance):
-        block = slice(2 * channel, 2 * channel + 2)
-        joint[block, block] = covariance
-    return joint
-
-
-def of_each_channel(joint: Array) -> Array:
-    """(3, 2, 2): blocks of a joint covariance."""
-    return np.stack([joint[2 * c:2 * c + 2, 2 * c:2 * c + 2] for c in range(3)])
-
-
 def of_channels(
-    status: Sequence[Status], attenuation: Array, ambient_light: Array, joint: Array
+    status: Sequence[Status], attenuation: Array, ambient_light: Array, covariance: Array
 ) -> dict[str, Any]:
-    """Fields of an estimate that its channels tell, with their joint covariance, (6, 6)."""
+    """Fields of an estimate that its channels tell, with their covariance, (6, 6)."""
     return {
         "status": overall_status(status), "channel_status": tuple(status),
         "attenuation": attenuation, "ambient_light": ambient_light,
-        "covariance": of_each_channel(joint), "joint_covariance": joint}
+        "covariance": covariance}
 
 
 def refuse(status: list[Status], reason: Status) -> list[Status]:

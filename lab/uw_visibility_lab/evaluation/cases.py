@@ -283,7 +283,7 @@ def match_with_truth(
     step = SecondStep(views.left.shape, rig, config, Workers(config.threads))
     water = WaterEstimate(
         Status.OK, np.array(truth.attenuation), np.array(truth.ambient_light),
-        np.zeros((3, 2, 2)), 0, 0, (Status.OK,) * 3,
+        np.zeros((6, 6)), 0, 0, (Status.OK,) * 3,
     )
     raw = step.support_points(*views)
     known = CoarseEstimate(water, raw, disparity, rig, views.left, np.ones(3), 1.0)

@@ -160,12 +160,13 @@ def _estimate(
     fits: Sequence[OptimizeResult], found: Sequence[bool], places: tuple[int, int], bins: int
 ) -> WaterEstimate:
     """Return the estimate of three channels; places of β and of the veil among their parameters."""
-    values, covariance = np.full((3, 2), np.nan), np.full((3, 2, 2), np.nan)
+    values, covariance = np.full((3, 2), np.nan), np.full((6, 6), np.nan)
     for c, fit in enumerate(fits):
         if found[c]:
             variance = 2.0 * fit.cost / max(len(fit.fun) - len(fit.x), 1)
             values[c] = fit.x[list(places)]
-            covariance[c] = (
+            block = slice(2 * c, 2 * c + 2)
+            covariance[block, block] = (
                 variance * np.linalg.pinv(fit.jac.T @ fit.jac))[np.ix_(places, places)]
     red, green, blue = (Status.OK if ok else Status.FIT_FAILED for ok in found)
     return WaterEstimate(

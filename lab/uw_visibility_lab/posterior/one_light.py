@@ -19,7 +19,6 @@ import numpy as np
 from uw_visibility.config.schema import PipelineConfig, WaterConfig
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
-from uw_visibility.water.estimate import joint_covariance
 from uw_visibility.water.meaning.assessment import Assessor
 from uw_visibility_lab.evaluation.degrade import degrade
 from uw_visibility_lab.worlds import scenes
@@ -61,7 +60,7 @@ def main(arguments: list[str] | None = None) -> int:
         ranges, error = measure_ranges(streams, scene.range, image, RANGE_EFFECTS)
         estimate = estimator.estimate(image, ranges, range_error=error)
         if estimate.status is Status.OK:
-            covariance = joint_covariance(estimate)[0::2, 0::2]
+            covariance = estimate.covariance[0::2, 0::2]
             off = float(np.nanmean(estimate.attenuation - clear)) - alpha
             nearest = int(np.nanargmin(estimate.attenuation))
             beta = float(estimate.attenuation[nearest])

@@ -22,7 +22,7 @@ from uw_visibility.water.daylight.network import trained
 from uw_visibility.water.daylight.statistics import (
     summarise,
 )
-from uw_visibility.water.estimate import WaterEstimate, joint_covariance
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor
 
 KAPPA = np.array([0.228, 0.066, 0.025])
@@ -432,7 +432,7 @@ def test_the_scale_of_range_is_unknown_to_all_channels_alike():
     samples = View.of(shown.image).colour
     statistics = summarise(reduce_to_blocks(samples, shown.range, None), 0.0, KAPPA)
     alone = infer(trained(), statistics).covariance[0::3, 0::3]
-    relative = joint_covariance(found)[0::2, 0::2] / np.outer(found.attenuation, found.attenuation)
+    relative = found.covariance[0::2, 0::2] / np.outer(found.attenuation, found.attenuation)
     np.testing.assert_allclose(relative - alone, np.full((3, 3), 0.046**2), rtol=1e-3)
     # Ranges that are wrong by as much change attenuation by as much.
     longer = estimate(shown.image, shown.range * np.float32(1.046))

@@ -21,7 +21,7 @@ from uw_visibility.water.series.filter import WaterFilter
 
 def frame(grey: bool, red: float = 0.1) -> WaterEstimate:
     """Water with veil and light apart, as of daylight a few metres down."""
-    covariance = np.tile(np.diag([0.01**2, 0.002**2]), (3, 1, 1))
+    covariance = np.diag([0.01**2, 0.002**2] * 3)
     light = np.array([red, 0.4, 0.5])
     return WaterEstimate(
         Status.OK, np.array([0.5, 0.2, 0.15]), light, covariance, 9, 30, (Status.OK,) * 3,

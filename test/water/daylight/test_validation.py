@@ -16,9 +16,8 @@ BETA = np.array([0.4, 0.2, 0.15])
 
 def estimate(attenuation: np.ndarray, part: float = 0.1) -> WaterEstimate:
     """Estimate whose deviation is a part of attenuation."""
-    covariance = np.zeros((3, 2, 2))
-    covariance[:, 0, 0] = (part * attenuation) ** 2
-    covariance[:, 1, 1] = 1e-4
+    covariance = 1e-4 * np.eye(6)
+    covariance[0::2, 0::2] = np.diag((part * attenuation) ** 2)
     return WaterEstimate(
         Status.OK, attenuation, np.full(3, 0.5), covariance, 10, 20, (Status.OK,) * 3)
 

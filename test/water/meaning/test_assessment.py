@@ -22,12 +22,12 @@ ASSESSOR = Assessor(AssessmentConfig(), load_response("nikon_d5100"))
 KAPPA = ASSESSOR.clear_water_attenuation
 
 
-def estimate(attenuation, ambient_light, covariance=None, joint=None):
+def estimate(attenuation, ambient_light, covariance=None):
     if covariance is None:
-        covariance = np.tile(np.diag([0.01**2, 0.002**2]), (3, 1, 1))
+        covariance = np.diag([0.01**2, 0.002**2] * 3)
     return WaterEstimate(
         Status.OK, np.array(attenuation, dtype=float), np.array(ambient_light, dtype=float),
-        covariance, 12, 40, (Status.OK,) * 3, joint_covariance=joint)
+        covariance, 12, 40, (Status.OK,) * 3)
 
 
 @given(st.floats(0, 0.5), st.floats(0, 30), st.floats(0.2, 1))
@@ -35,7 +35,7 @@ def estimate(attenuation, ambient_light, covariance=None, joint=None):
 def test_the_model_water_is_assessed_exactly(alpha, depth, light):
     beta = KAPPA + alpha
     ambient = ambient_light_at_depth(beta, depth, light)
-    seen = ASSESSOR.assess(estimate(beta, ambient, np.zeros((3, 2, 2))))
+    seen = ASSESSOR.assess(estimate(beta, ambient, np.zeros((6, 6))))
     assert seen.status is Status.OK
     assert seen.depth_status is Status.OK
     assert seen.mean_attenuation == pytest.approx(alpha, abs=1e-12)
@@ -67,7 +67,7 @@ def test_depth_ends_at_the_surface_and_at_the_largest_depth():
     assert ASSESSOR.assess(estimate(KAPPA, [1.0, 0.5, 0.5])).depth == 0
     shallow = Assessor(AssessmentConfig(max_depth=5.0), load_response("nikon_d5100"))
     ambient = ambient_light_at_depth(KAPPA, 20.0)
-    narrow = np.tile(np.diag([1e-4, 1e-8]), (3, 1, 1))
+    narrow = np.diag([1e-4, 1e-8] * 3)
     assert shallow.assess(estimate(KAPPA, ambient, narrow)).depth == 5
 
 
@@ -79,11 +79,10 @@ def test_standard_deviations_are_those_of_samples(depth):
     root = 1e-3 * np.diag(np.stack((beta, ambient), axis=1).ravel()) @ (
         np.eye(6) + 0.4 * rng.standard_normal((6, 6)))
     joint = root @ root.T
-    blocks = np.stack([joint[2 * c:2 * c + 2, 2 * c:2 * c + 2] for c in range(3)])
-    seen = ASSESSOR.assess(estimate(beta, ambient, blocks, joint))
+    seen = ASSESSOR.assess(estimate(beta, ambient, joint))
     centre = np.stack((beta, ambient), axis=1).ravel()
     samples = rng.multivariate_normal(centre, joint, 2000)
-    found = [ASSESSOR.assess(estimate(s[0::2], s[1::2], blocks, joint)) for s in samples]
+    found = [ASSESSOR.assess(estimate(s[0::2], s[1::2], joint)) for s in samples]
     for name in ("mean_attenuation", "distance", "depth"):
         spread = np.std([getattr(visibility, name) for visibility in found])
         assert getattr(seen, f"{name}_stddev") == pytest.approx(spread, rel=0.08), name
@@ -91,7 +90,7 @@ def test_standard_deviations_are_those_of_samples(depth):
 
 @pytest.mark.parametrize("part", [0.05, 0.2, 0.4])
 def test_a_distance_lies_in_the_interval_of_attenuations_one_deviation_off(part):
-    covariance = np.tile(np.diag([(0.3 * part) ** 2, 1e-6]), (3, 1, 1))
+    covariance = np.diag([(0.3 * part) ** 2, 1e-6] * 3)
     seen = ASSESSOR.assess(estimate([0.5, 0.4, 0.3], [0.5, 0.6, 0.7], covariance))
     # Attenuation is uncertain by a factor.
     drawn = 0.3 * np.exp(part * np.random.default_rng(0).standard_normal(100_000))
@@ -104,14 +103,14 @@ def test_a_distance_lies_in_the_interval_of_attenuations_one_deviation_off(part)
 @pytest.mark.parametrize("variance", [1.0, 1e6, 1e300])
 def test_a_distance_of_which_nothing_is_known_is_refused(variance):
     """The exponential of its deviation is beyond any number."""
-    covariance = np.tile(np.diag([variance, 1e-6]), (3, 1, 1))
+    covariance = np.diag([variance, 1e-6] * 3)
     seen = ASSESSOR.assess(estimate([0.5, 0.4, 0.3], [0.5, 0.6, 0.7], covariance))
     assert seen.status is Status.ATTENUATION_UNCERTAIN
     assert math.isnan(seen.distance) and math.isnan(seen.distance_high)
 
 
 def test_a_distance_has_the_interval_that_the_posterior_tells():
-    covariance = np.tile(np.diag([1e-4, 1e-6]), (3, 1, 1))
+    covariance = np.diag([1e-4, 1e-6] * 3)
     told = replace(
         estimate([0.5, 0.4, 0.3], [0.5, 0.6, 0.7], covariance),
         clearest=-np.log((0.4, 0.3, 0.25)))
@@ -124,7 +123,7 @@ def test_a_distance_has_the_interval_that_the_posterior_tells():
     assert math.isnan(wide.distance_low) and math.isnan(wide.distance)
 
 
-def test_channels_count_as_independent_without_a_joint_covariance():
+def test_errors_of_independent_channels_average():
     seen = ASSESSOR.assess(estimate(KAPPA + 0.1, [0.5, 0.6, 0.7]))
     assert seen.mean_attenuation_stddev == pytest.approx(0.01 / math.sqrt(3))
 
@@ -142,7 +141,7 @@ def test_a_channel_without_light_leaves_what_the_others_say():
     daylight = np.exp(-8.0 * ASSESSOR.clear_water_attenuation)
     whole = estimate([0.9, 0.4, 0.3], daylight)
     covariance = whole.covariance.copy()
-    covariance[0] = np.nan
+    covariance[:2] = covariance[:, :2] = np.nan
     part = dataclasses.replace(
         whole, status=Status.OK, attenuation=np.array([np.nan, 0.4, 0.3]),
         ambient_light=np.array([np.nan, *daylight[1:]]), covariance=covariance,
@@ -161,7 +160,7 @@ def test_a_channel_without_light_leaves_what_the_others_say():
 
 
 def test_a_distance_without_hold_is_refused():
-    loose = np.tile(np.diag([0.5**2, 0.002**2]), (3, 1, 1))
+    loose = np.diag([0.5**2, 0.002**2] * 3)
     seen = ASSESSOR.assess(estimate([0.5, 0.4, 0.3], [0.5, 0.6, 0.7], loose))
     assert math.isnan(seen.distance)
     assert seen.status is Status.ATTENUATION_UNCERTAIN
@@ -169,7 +168,7 @@ def test_a_distance_without_hold_is_refused():
 
 
 def test_a_depth_without_hold_is_refused():
-    loose = np.tile(np.diag([0.01**2, 10.0**2]), (3, 1, 1))
+    loose = np.diag([0.01**2, 10.0**2] * 3)
     seen = ASSESSOR.assess(estimate([0.5, 0.4, 0.3], [0.5, 0.6, 0.7], loose))
     assert math.isnan(seen.depth)
     assert seen.depth_status is Status.AMBIENT_LIGHT_UNBOUNDED

@@ -34,7 +34,7 @@ def series(water_type="clear", depths=None, noise=0.02, seed=0, outliers=0):
         if k < outliers:
             light = light * np.array([3.0, 1.0, 0.5])
         attenuation = TRUE_ATTENUATION + 0.1 * noise * rng.standard_normal(3)
-        covariance = np.stack([np.diag([(0.1 * noise) ** 2, (noise * i) ** 2]) for i in light])
+        covariance = np.diag([d**2 for i in light for d in (0.1 * noise, noise * i)])
         estimates.append(WaterEstimate(
             Status.OK, attenuation, light, covariance, 9, 40, (Status.OK,) * 3))
     return estimates, np.array(depths)

@@ -93,7 +93,7 @@ def test_attenuation_counts_only_where_it_is_estimated():
 
 
 def assess(attenuation, light, deviation):
-    covariance = np.tile(np.diag([deviation**2, (0.01 * light.mean()) ** 2]), (3, 1, 1))
+    covariance = np.diag([deviation**2, (0.01 * light.mean()) ** 2] * 3)
     estimate = WaterEstimate(
         Status.OK, attenuation, light, covariance, 9, 40, (Status.OK,) * 3)
     return Assessor(AssessmentConfig(water_type=ESTIMATED), RESPONSE).assess(estimate)

@@ -24,8 +24,8 @@ CLEAR = np.array([0.228, 0.066, 0.025])
 
 def estimate(attenuation, relative_stddev=0.05):
     attenuation = np.asarray(attenuation, float)
-    covariance = np.zeros((3, 2, 2))
-    covariance[:, 0, 0] = (relative_stddev * attenuation) ** 2
+    covariance = np.zeros((6, 6))
+    covariance[0::2, 0::2] = np.diag((relative_stddev * attenuation) ** 2)
     return WaterEstimate(
         Status.OK, attenuation, np.full(3, 0.5), covariance, 1, 20, (Status.OK,) * 3)
 
@@ -85,7 +85,7 @@ def test_what_cannot_be_told_is_refused():
 def test_a_dark_channel_does_not_hinder():
     found = estimate([0.6, 0.403, 0.448])
     found.attenuation[0] = np.nan
-    found.covariance[0] = np.nan
+    found.covariance[:2] = found.covariance[:, :2] = np.nan
     assert MODEL.derive(found).water_type == "5C"
 
 

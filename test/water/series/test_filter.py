@@ -21,7 +21,7 @@ STARTED, UPDATED = TrackingEvent.STARTED, TrackingEvent.UPDATED
 
 
 def water() -> WaterEstimate:
-    covariance = np.array([np.diag([0.02**2, 0.01**2])] * 3)
+    covariance = np.diag([0.02**2, 0.01**2] * 3)
     return WaterEstimate(
         Status.OK, np.array([0.5, 0.3, 0.2]), np.array([0.1, 0.4, 0.6]), covariance, 9, 30,
         (Status.OK,) * 3,
@@ -121,7 +121,7 @@ def test_a_frame_that_passes_for_daylight_among_those_by_lamps_is_none(
 
 def test_frames_that_together_are_clearer_than_clear_water_are_refused() -> None:
     """Each is within three sigma of it, and the mean of five is not."""
-    covariance = np.array([np.diag([0.05**2, 0.01**2])] * 3)
+    covariance = np.diag([0.05**2, 0.01**2] * 3)
     one = replace(water(), attenuation=np.array([0.17, 0.3, 0.2]), covariance=covariance)
     kept = WaterFilter(PipelineConfig.from_parameters({"tracking.common_error": 0.0}))
     found = [kept.update(one, float(number)) for number in range(8)]

@@ -239,7 +239,7 @@ def test_a_channel_that_is_saturated_is_refused_and_the_others_are_not():
     assert np.isnan(water.attenuation[2])
     error = (water.attenuation - KAPPA - 0.3)[:2] / water.attenuation_stddev[:2]
     assert np.max(np.abs(error)) < 3.0
-    assert np.isnan(water.joint_covariance[4:]).all()
+    assert np.isnan(water.covariance[4:]).all()
 
 
 def test_an_empty_window_has_no_newest_frame_and_any_frame_continues_it():

@@ -44,8 +44,7 @@ def drawn(rng, attenuation=BETA, light=LIGHT, gain=1.0, scale=1.0, common=None, 
     )
     return WaterEstimate(
         Status.OK, attenuation + error[0::2], light + error[1::2],
-        np.stack([joint[2 * c:2 * c + 2, 2 * c:2 * c + 2] for c in range(3)]), 12, 40,
-        (Status.OK,) * 3, joint_covariance=joint)
+        joint, 12, 40, (Status.OK,) * 3)
 
 
 def alpha(estimate):
@@ -71,7 +70,7 @@ def test_the_first_frame_is_taken_as_it_is():
     assert tracker.event is TrackingEvent.STARTED
     np.testing.assert_allclose(out.attenuation, frame.attenuation)
     np.testing.assert_allclose(out.ambient_light, frame.ambient_light)
-    np.testing.assert_allclose(out.joint_covariance, frame.joint_covariance, atol=1e-12)
+    np.testing.assert_allclose(out.covariance, frame.covariance, atol=1e-12)
 
 
 def test_frame_to_frame_changes_are_less_than_half_and_nothing_is_biased():
@@ -99,7 +98,7 @@ def test_standard_deviations_hold_where_frames_share_a_part_of_their_errors(shar
             out = tracker.update(drawn(rng, common=common, share=share), k * PERIOD)
         error = np.empty(6)
         error[0::2], error[1::2] = out.attenuation - BETA, out.ambient_light - LIGHT
-        squares.append(error @ np.linalg.solve(out.joint_covariance, error))
+        squares.append(error @ np.linalg.solve(out.covariance, error))
     # Chi squared has a mean of 6; that of 60 values a deviation of 0.45. Water that
     # does not wander, as here, is followed better than the process noise says.
     assert 2.0 < np.mean(squares) < 7.4
@@ -303,8 +302,7 @@ def alike(rng, attenuation, common, size=0.1):
     joint[1::2, 1::2] = np.diag((0.01 * LIGHT) ** 2)
     return WaterEstimate(
         Status.OK, attenuation + error, light,
-        np.stack([joint[2 * c:2 * c + 2, 2 * c:2 * c + 2] for c in range(3)]), 12, 40,
-        (Status.OK,) * 3, joint_covariance=joint)
+        joint, 12, 40, (Status.OK,) * 3)
 
 
 @pytest.mark.parametrize(("before", "after"), [
@@ -432,7 +430,7 @@ def test_whatever_the_water_does_the_filter_stays_with_the_frames(
             run = run + 1 if tracker.event is TrackingEvent.OUTLIER else 0
             assert run < reset_count
             assert tracker.rejected_in_a_row == run
-            joint = out.joint_covariance
+            joint = out.covariance
             deviation = np.sqrt(np.diag(joint))
             assert np.linalg.eigvalsh(joint / np.outer(deviation, deviation)).min() > -1e-9
             if run == 0:
@@ -441,7 +439,7 @@ def test_whatever_the_water_does_the_filter_stays_with_the_frames(
                 apart = np.empty(6)
                 apart[0::2] = out.attenuation - frame.attenuation
                 apart[1::2] = out.ambient_light - frame.ambient_light
-                spread = joint + frame.joint_covariance
+                spread = joint + frame.covariance
                 assert apart @ np.linalg.solve(spread, apart) < 22.5
 
 
@@ -540,13 +538,13 @@ def test_before_any_estimate_there_is_no_state():
 
 
 def without_red(frame):
-    covariance, joint = frame.covariance.copy(), frame.joint_covariance.copy()
-    covariance[0], joint[:2, :], joint[:, :2] = np.nan, np.nan, np.nan
+    covariance = frame.covariance.copy()
+    covariance[:2, :], covariance[:, :2] = np.nan, np.nan
     attenuation, light = frame.attenuation.copy(), frame.ambient_light.copy()
     attenuation[0] = light[0] = np.nan
     return dataclasses.replace(
         frame, status=Status.TOO_DARK, attenuation=attenuation, ambient_light=light,
-        covariance=covariance, joint_covariance=joint,
+        covariance=covariance,
         channel_status=(Status.TOO_DARK, Status.OK, Status.OK))
 
 
@@ -559,8 +557,8 @@ def test_a_channel_that_goes_dark_is_predicted_then_refused_and_comes_back():
     out = tracker.update(without_red(drawn(rng)), stamp + 6 * PERIOD)
     assert out.channel_status == (Status.TOO_DARK, Status.OK, Status.OK)
     assert out.status is Status.OK
-    assert np.isnan(out.joint_covariance[0]).all()
-    assert np.isfinite(out.joint_covariance[2:, 2:]).all()
+    assert np.isnan(out.covariance[0]).all()
+    assert np.isfinite(out.covariance[2:, 2:]).all()
     back = drawn(rng)
     out = tracker.update(back, stamp + 7 * PERIOD)
     assert out.status is Status.OK
@@ -605,7 +603,7 @@ def test_time_adds_the_variance_that_the_rates_say(gap):
     tracker.update(frame, 0.0)
     out = tracker.update(WaterEstimate.not_assessable(Status.TOO_DARK), gap)
     light = np.tile((1.0, 0.0), 3) + np.stack((np.zeros(3), frame.ambient_light), axis=1).ravel()
-    added = (out.joint_covariance - frame.joint_covariance) / np.outer(light, light)
+    added = (out.covariance - frame.covariance) / np.outer(light, light)
     # Turbidity: three quarters of it are common to the channels.
     wander = (config.turbidity_rate * frame.attenuation.mean()) ** 2 * gap
     # What changed unawares is all common.
@@ -624,7 +622,7 @@ def test_filtering_never_lessens_what_frames_share():
     for k in range(12):
         frame = drawn(rng)
         out = tracker.update(frame, k * PERIOD)
-        excess = out.joint_covariance[0::2, 0::2] - 0.5 * frame.joint_covariance[0::2, 0::2]
+        excess = out.covariance[0::2, 0::2] - 0.5 * frame.covariance[0::2, 0::2]
         assert np.linalg.eigvalsh(excess).min() > -1e-9
 
 
@@ -699,10 +697,8 @@ def test_the_lights_covariance_is_kept_while_frames_do_not_show_a_channel():
     partly = dataclasses.replace(
         frame, **values, status=Status.RANGE_SPREAD_TOO_SMALL,
         channel_status=(Status.RANGE_SPREAD_TOO_SMALL, Status.OK, Status.OK),
-        covariance=np.where(hidden[:, None, None], np.nan, frame.covariance),
-        joint_covariance=np.where(
-            np.add.outer(np.repeat(hidden, 2), np.repeat(hidden, 2)), np.nan,
-            frame.joint_covariance),
+        covariance=np.where(
+            np.add.outer(np.repeat(hidden, 2), np.repeat(hidden, 2)), np.nan, frame.covariance),
         light_covariance=np.where(np.add.outer(hidden, hidden), np.nan, alike))
     for k, each in enumerate((WaterEstimate.not_assessable(Status.TOO_DARK), partly)):
         seen = ASSESSOR.assess(tracker.update(each, (5 + k) * PERIOD))

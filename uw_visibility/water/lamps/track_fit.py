@@ -61,11 +61,10 @@ ITERATIONS = 30
 
 @dataclass(frozen=True)
 class TrackFit:
-    """Attenuation (3,), 1/m, from tracked points, its covariance, and the number of sightings."""
+    """Attenuation (3,), 1/m, from tracked points, and its covariance."""
 
     attenuation: Array
     covariance: Array
-    sightings: int
 
 
 def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFit | None:
@@ -107,7 +106,7 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
         shift = bread @ np.einsum("nci,nc,nc->i", jacobian, weight, change, optimize=True)
         covariance += np.outer(shift, shift)
     found = np.outer(beta, beta) * covariance[_BETA, _BETA]
-    return TrackFit(beta, found + TREND**2 + CHANNEL_TREND**2 * np.eye(3), len(cells.range))
+    return TrackFit(beta, found + TREND**2 + CHANNEL_TREND**2 * np.eye(3))
 
 
 # Parameters: exponent of the cosine, logarithms of β, logarithms of s over its usual value; what

@@ -16,7 +16,7 @@ from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.optics.spectra import CameraResponse, clear_water_attenuation, load_response
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.validation import MIN_CODES
-from uw_visibility.water.estimate import WaterEstimate, joint_covariance
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.depth import DepthModel
 
 # A distance says nothing if its 16 and 84 % differ by more than this factor, twice as far and half
@@ -121,7 +121,7 @@ class Assessor:
         A channel that is too dark to be assessed does not count: mean attenuation is that of the
         others, depth needs two of them, and the distance is that of the best one.
         """
-        covariance = joint_covariance(estimate)
+        covariance = estimate.covariance
         seen = np.isfinite(estimate.attenuation)
         status = depth_status = estimate.status
         alpha = alpha_stddev = low = distance = high = math.nan
@@ -216,13 +216,13 @@ def _least_light(estimate: WaterEstimate) -> Array:
 
 
 def covariance_with_light(estimate: WaterEstimate) -> Array:
-    """`joint_covariance` with the scene light in the place of I∞.
+    """Covariance of an estimate with the scene light in the place of I∞.
 
     Scaled like it, or that of the light's own where it is known.
     """
     scale = np.ones(6)
     scale[1::2] = estimate.scene_light / estimate.ambient_light
-    joint = np.asarray(joint_covariance(estimate) * np.outer(scale, scale))
+    joint = np.asarray(estimate.covariance * np.outer(scale, scale))
     if estimate.light_covariance is not None:
         light = estimate.scene_light
         joint[1::2, :] = joint[:, 1::2] = 0.0

@@ -30,7 +30,7 @@ from uw_visibility.optics.water_type import (
     water_type,
 )
 from uw_visibility.status import Status
-from uw_visibility.water.estimate import WaterEstimate, joint_covariance
+from uw_visibility.water.estimate import WaterEstimate
 
 GREEN = 1
 
@@ -178,7 +178,7 @@ class DerivedModel:
 
     def derive(self, estimate: WaterEstimate) -> DerivedQuantities:
         """Derive the field's quantities, with standard deviations."""
-        covariance = joint_covariance(estimate)[0::2, 0::2]
+        covariance = estimate.covariance[0::2, 0::2]
         known = np.isfinite(estimate.attenuation)
         if not known.any():
             return DerivedQuantities(water_type_status=estimate.status)

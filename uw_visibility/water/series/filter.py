@@ -21,7 +21,7 @@ from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.grey_average import ColourBalance, GreyFrames
 from uw_visibility.water.daylight.inference import light_status
 from uw_visibility.water.daylight.validation import refute_clearness
-from uw_visibility.water.estimate import LampLight, WaterEstimate, joint_covariance
+from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.lamps.estimation import NodeEstimator
 from uw_visibility.water.lamps.survey import LampSurvey
 from uw_visibility.water.meaning.assessment import Assessor, Visibility
@@ -220,7 +220,7 @@ class WaterFilter:
         if not self._lit.frames:
             light = Status.OK
         return light if light is not Status.OK else refute_clearness(
-            filtered.attenuation, joint_covariance(filtered)[0::2, 0::2],
+            filtered.attenuation, filtered.covariance[0::2, 0::2],
             self._assessor.clear_water_attenuation)
 
     def _in_this_light(self, water: WaterEstimate) -> WaterEstimate:

@@ -38,7 +38,7 @@ from scipy.special import chdtri
 
 from uw_visibility.config.schema import TrackingConfig
 from uw_visibility.images.arrays import Array, Mask
-from uw_visibility.water.estimate import WaterEstimate, joint_covariance
+from uw_visibility.water.estimate import WaterEstimate
 
 # Errors that channels share are those of model, ranges and scene, which frames share too: in
 # rendered frames 0.98 of their variance, and half of the rest. The new part of a frame's shared
@@ -85,7 +85,7 @@ class Measurement:
     @classmethod
     def of(cls, estimate: WaterEstimate, common_error: float) -> Measurement:
         """Take an estimate; `common_error` is the part of its variance that frames share."""
-        joint = joint_covariance(estimate)
+        joint = estimate.covariance
         seen = np.isfinite(estimate.attenuation) & np.isfinite(estimate.ambient_light)
         seen &= np.isfinite(np.diag(joint)).reshape(3, 2).all(axis=1)
         value = np.zeros(6)

@@ -33,9 +33,7 @@ from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.estimate import (
     WaterEstimate,
     blank,
-    joint_covariance,
     of_channels,
-    of_each_channel,
 )
 from uw_visibility.water.observations import Envelopes
 
@@ -279,9 +277,9 @@ def without_blocks(frames: Sequence[Item]) -> list[list[Item]]:
 
 def wider(water: WaterEstimate, covariance: Array | float) -> WaterEstimate:
     """Add to the covariance of attenuation, (3, 3); a number is common to the channels."""
-    joint = joint_covariance(water).copy()
+    joint = water.covariance.copy()
     joint[0::2, 0::2] += covariance
-    return replace(water, covariance=of_each_channel(joint), joint_covariance=joint)
+    return replace(water, covariance=joint)
 
 
 def _with_spread(whole: WaterEstimate, parts: Sequence[WaterEstimate]) -> WaterEstimate:
@@ -296,7 +294,7 @@ def _with_spread(whole: WaterEstimate, parts: Sequence[WaterEstimate]) -> WaterE
     away = np.where(known & seen, each - each.sum(axis=0) / np.maximum(number, 1), 0.0)
     away = away * np.sqrt(BLOCKS / np.maximum(number, 1))
     away -= away.mean(axis=0)
-    joint = joint_covariance(whole) + (BLOCKS - 1) / BLOCKS * away.T @ away
+    joint = whole.covariance + (BLOCKS - 1) / BLOCKS * away.T @ away
     status = [
         reason if there or reason is not Status.OK else Status.ATTENUATION_UNCERTAIN
         for reason, there in zip(whole.channel_status, seen[0::2], strict=True)]
@@ -308,10 +306,9 @@ def _with_spread(whole: WaterEstimate, parts: Sequence[WaterEstimate]) -> WaterE
 def _at_level(water: WaterEstimate, gain: Array) -> WaterEstimate:
     """Scale light by the gain of each channel."""
     scale = np.stack((np.ones(3), gain), axis=1).ravel()
-    joint = joint_covariance(water) * np.outer(scale, scale)
     return replace(
         water, ambient_light=water.ambient_light * gain,
-        covariance=of_each_channel(joint), joint_covariance=joint,
+        covariance=water.covariance * np.outer(scale, scale),
         light=None if water.light is None else water.light * gain,
         light_stddev=None if water.light_stddev is None else water.light_stddev * gain)
 
