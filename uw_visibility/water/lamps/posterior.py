@@ -453,7 +453,7 @@ def _summed(
 def _interpolated(grid: list[_Fit], highest: float, fine: Array) -> tuple[Array, Array, Array]:
     """Log density (D,), mean (D, 3) and covariance (D, 3, 3) of ln β, over ln particles."""
     # Its import takes 0.4 s, which by daylight nobody needs.
-    from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+    from scipy.interpolate import PchipInterpolator, make_interp_spline
 
     evidence = np.array([
         max(each.evidence - highest, -1e3) + _expected(each.particles) for each in grid])
@@ -462,21 +462,10 @@ def _interpolated(grid: list[_Fit], highest: float, fine: Array) -> tuple[Array,
     covariance = np.array([
         each.covariance / np.outer(each.attenuation, each.attenuation) for each in grid])
 
-    def cubic(values: Array) -> Array:
-        """Hermite's interpolation without overshoot.
-
-        Slopes are harmonic means of those on both sides (Fritsch and Butland 1984,
-        doi:10.1137/0905021).
-        """
-        secant = (np.diff(values, axis=0).T / np.diff(nodes)).T
-        before, after = secant[:-1], secant[1:]
-        alike = before * after > 0.0
-        slope = 2.0 * before * after / np.where(alike, before + after, 1.0)
-        slopes = np.concatenate((secant[:1], np.where(alike, slope, 0.0), secant[-1:]))
-        return np.asarray(CubicHermiteSpline(nodes, values, slopes)(fine))
-
-    # A covariance stays one by linear interpolation.
-    return cubic(evidence), cubic(mean), make_interp_spline(nodes, covariance, k=1)(fine)
+    # Without overshoot; a covariance stays one by linear interpolation.
+    return (
+        PchipInterpolator(nodes, evidence)(fine), PchipInterpolator(nodes, mean)(fine),
+        make_interp_spline(nodes, covariance, k=1)(fine))
 
 
 def _of_clearest(
