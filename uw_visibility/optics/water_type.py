@@ -122,22 +122,6 @@ def water_types() -> list[str]:
     return list(dict.fromkeys(row[0] for row in rows))
 
 
-def water_type_spectrum(
-    water_type: str,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Wavelength, nm, rising, absorption a and scattering b, 1/m, measured for a Jerlov type.
-
-    B. A. Williamson and R. C. Hollins, Measured IOPs of Jerlov water types, Applied Optics 61(33),
-    2022, doi 10.1364/AO.470464.
-
-    Raises `InputError` if the type is not one of `water_types`.
-    """
-    if water_type not in water_types():
-        raise InputError(f"no water type {water_type!r}: give one of {', '.join(water_types())}")
-    wavelength, absorption, scattering = _properties(water_type, MEASURED)
-    return wavelength, absorption, scattering
-
-
 def _properties(name: str, file: str) -> NDArray[np.float64]:
     """Wavelengths, absorption and scattering of a type in a shipped table, (3, N)."""
     head, rows = tables.read_shipped(file)
@@ -152,10 +136,13 @@ def water_type_attenuation(
 
     β = a + (1 - F) b, with F the part `KEPT`. K = a + b_b is that by which daylight fades with
     depth: light scattered forwards is not lost to it. Beyond the measured wavelengths, the nearest
-    one counts.
+    one counts. B. A. Williamson and R. C. Hollins, Measured IOPs of Jerlov water types, Applied
+    Optics 61(33), 2022, doi 10.1364/AO.470464.
 
     Raises `InputError` if the type is not one of `water_types`.
     """
-    wavelength, absorbed, scattered = water_type_spectrum(water_type)
+    if water_type not in water_types():
+        raise InputError(f"no water type {water_type!r}: give one of {', '.join(water_types())}")
+    wavelength, absorbed, scattered = _properties(water_type, MEASURED)
     lost = BACKSCATTERED if diffuse else 1.0 - KEPT
     return response.band_average(wavelength, absorbed + lost * scattered)

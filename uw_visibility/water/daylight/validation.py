@@ -56,11 +56,9 @@ def refuse_channel(envelope: Envelopes, channel: int) -> Status:
     return Status.OK
 
 
-def refuse_uncertain(
-    attenuation: float, stddev: float, most_relative: float = MAX_RELATIVE_STDDEV
-) -> Status:
+def refuse_uncertain(attenuation: float, stddev: float) -> Status:
     """Refuse an attenuation that is too uncertain; OK otherwise."""
-    certain = stddev <= max(MAX_STDDEV, most_relative * attenuation)
+    certain = stddev <= max(MAX_STDDEV, MAX_RELATIVE_STDDEV * attenuation)
     return Status.OK if certain else Status.ATTENUATION_UNCERTAIN
 
 
