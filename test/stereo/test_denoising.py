@@ -10,7 +10,7 @@ from scenes import blurred, codes, stereo_pair
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.stereo.contrast import ContrastNormalizer
-from uw_visibility.stereo.denoising import LARGEST, LEAST_NOISE, NoiseAdaptiveSmoother
+from uw_visibility.stereo.denoising import LARGEST, LEAST_NOISE, smooth
 from uw_visibility.stereo.elas import Matcher
 from uw_visibility.stereo.elas.matcher import settings_in_noise
 
@@ -30,9 +30,7 @@ def gain_of(restored: float, stddev: float = 600.0) -> np.ndarray:
 def test_without_noise_nothing_is_changed() -> None:
     grey = noise_image()
     smoothed = grey.copy()
-    restored = NoiseAdaptiveSmoother(SHAPE).smooth(
-        smoothed, gain_of(0.99 * LEAST_NOISE), 600.0, Workers(1)
-    )
+    restored = smooth(smoothed, gain_of(0.99 * LEAST_NOISE), 600.0, Workers(1))
     assert restored == pytest.approx(0.99 * LEAST_NOISE, rel=1e-5)
     np.testing.assert_array_equal(smoothed, grey)
 
@@ -42,7 +40,7 @@ def test_an_even_gain_smooths_by_one_gaussian(restored: float) -> None:
     """The scale is 0.25 px times the power 0.7 of the noise."""
     grey = noise_image()
     expected = cv2.GaussianBlur(grey, (0, 0), min(0.25 * restored**0.7, LARGEST))
-    NoiseAdaptiveSmoother(SHAPE).smooth(grey, gain_of(restored), 600.0, Workers(1))
+    smooth(grey, gain_of(restored), 600.0, Workers(1))
     np.testing.assert_allclose(grey.astype(int), expected, atol=1)
 
 
@@ -60,10 +58,10 @@ def test_what_memory_held_before_does_not_show(
     scale = min(0.25 * (1.05 * restored) ** 0.7, LARGEST)
     expected = cv2.GaussianBlur(grey, (0, 0), scale)
     # The kernel is compiled before.
-    NoiseAdaptiveSmoother(SHAPE).smooth(grey.copy(), gain, 600.0, Workers(1))
+    smooth(grey.copy(), gain, 600.0, Workers(1))
     with monkeypatch.context() as patch:
         patch.setattr(np, "empty", not_numbers)
-        NoiseAdaptiveSmoother(SHAPE).smooth(grey, gain, 600.0, Workers(1))
+        smooth(grey, gain, 600.0, Workers(1))
     assert abs(grey.astype(int) - expected).max() < 0.5 * np.std(noise_image())
 
 
@@ -72,10 +70,10 @@ def test_each_pixel_is_smoothed_as_its_own_noise_asks_for() -> None:
     gain = gain_of(1.5)
     gain[:, 80:] *= 10
     smoothed = grey.copy()
-    NoiseAdaptiveSmoother(SHAPE).smooth(smoothed, gain, 600.0, Workers(1))
+    smooth(smoothed, gain, 600.0, Workers(1))
     near, far = np.s_[20:-20, 20:60], np.s_[20:-20, 100:140]
     alone = grey.copy()
-    NoiseAdaptiveSmoother(SHAPE).smooth(alone, gain_of(15.0), 600.0, Workers(1))
+    smooth(alone, gain_of(15.0), 600.0, Workers(1))
     # Between the scales that are computed the image is interpolated.
     assert np.std(smoothed[far]) == pytest.approx(np.std(alone[far]), rel=0.08)
     assert 0.5 * np.std(grey[near]) < np.std(smoothed[near]) < np.std(grey[near])
@@ -86,7 +84,7 @@ def test_threads_do_not_change_a_bit() -> None:
     gain = gain_of(3.0) * np.linspace(0.2, 5, SHAPE[1], dtype=np.float32)
     images = [noise_image(2) for _ in range(2)]
     for image, threads in zip(images, (1, 3), strict=True):
-        NoiseAdaptiveSmoother(SHAPE).smooth(image, gain, 600.0, Workers(threads))
+        smooth(image, gain, 600.0, Workers(threads))
     np.testing.assert_array_equal(*images)
 
 

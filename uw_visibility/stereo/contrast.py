@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import Array, Image, RangeMap
 from uw_visibility.images.noise import noise_stddev
 from uw_visibility.optics.light_model import transmission
-from uw_visibility.stereo.denoising import ROUNDING, NoiseAdaptiveSmoother, noise_gradient
+from uw_visibility.stereo import denoising
+from uw_visibility.stereo.denoising import ROUNDING
 
 # ITU-R BT.601 luma.
 LUMA = (0.299, 0.587, 0.114)
@@ -73,7 +73,6 @@ class ContrastNormalizer:
         self.image: Image = np.empty((0, 0), np.uint8)
         self.noise = 0.0
         self._noise_of_grey = 0.0
-        self._smoother = NoiseAdaptiveSmoother(shape)
 
     def stretch(self, image: Image, workers: Workers, noise: Array | None = None) -> None:
         """Take the luma, and one gain that stretches its contrast; for the raw image.
@@ -119,7 +118,7 @@ class ContrastNormalizer:
         contrast = np.sum(weights * ambient_light * transmission(attenuation, ranges), axis=1)
         # Far enough away nothing is left of it, not even in 64 bits.
         contrast = np.maximum(contrast, _FULL_CONTRAST / (255.0 * self._max_gain(image)))
-        self._set_gain(_FULL_CONTRAST / (255.0 * contrast), farthest, range_map, workers)
+        self._set_gain(_FULL_CONTRAST / (255.0 * contrast), farthest, range_map)
         self._smooth(image, weights, workers, noise)
 
     def restore_lit(
@@ -145,8 +144,7 @@ class ContrastNormalizer:
         falloff = np.exp(np.interp(steps, ranges, np.log(weights @ direct)))
         falloff /= np.interp(typical, steps, falloff)
         gain = self._raw_gain(image) * np.maximum(_FAR_GAIN / falloff, 1.0)
-        self._set_gain(
-            np.minimum(_FINE * gain, self._max_gain(image)), farthest, range_map, workers)
+        self._set_gain(np.minimum(_FINE * gain, self._max_gain(image)), farthest, range_map)
         self._smooth(image, weights, workers, noise)
 
     def _max_gain(self, image: Image) -> float:
@@ -158,19 +156,21 @@ class ContrastNormalizer:
         low, high = np.percentile(self.grey[::4, ::4], (100 * _OUTSIDE, 100 * (1 - _OUTSIDE)))
         return float(min(255.0 / max(high - low, 1.0), self._max_gain(image) / _FINE))
 
-    def _set_gain(
-        self, table: Array, farthest: float, range_map: RangeMap, workers: Workers
-    ) -> None:
+    def _set_gain(self, table: Array, farthest: float, range_map: RangeMap) -> None:
         """Look up the gain of each pixel in a table over ranges of equal steps, from 0 on."""
-        gain = table / _FINE
         finer = range_map.shape[1] // self.gain.shape[1]
         if finer > 1:
             # True ranges are known of every pixel, of images that are matched as small copies.
-            range_map = np.ascontiguousarray(range_map[finer // 2::finer, finer // 2::finer])
-        workers.rows(
-            _look_up, self.gain.shape[0], range_map, self.gain.shape[1] // range_map.shape[1],
-            np.float32((_TABLE - 1) / farthest), gain.astype(np.float32), self.gain,
-        )
+            range_map = range_map[finer // 2::finer, finer // 2::finer]
+        # Of NaN and a number, this is the number.
+        step = np.fmin(range_map * np.float32((_TABLE - 1) / farthest), np.float32(_TABLE - 1))
+        gain = np.take((table / _FINE).astype(np.float32), step.astype(np.intp), mode="clip")
+        # What fills no whole square takes its neighbour's.
+        factor = self.gain.shape[1] // gain.shape[1]
+        rows, columns = (
+            np.minimum(np.arange(n) // factor, m - 1)
+            for n, m in zip(self.gain.shape, gain.shape, strict=True))
+        np.take(gain[rows], columns, axis=1, out=self.gain)
 
     def _smooth(
         self, image: Image, weights: Sequence[float] | Array, workers: Workers, noise: Array | None
@@ -178,7 +178,7 @@ class ContrastNormalizer:
         """Smooth the mix of channels as far as its restored noise asks for."""
         self.image = image
         self._noise_of_grey = self._known_noise(image, weights, noise)
-        self.noise = self._smoother.smooth(self.grey, self.gain, self._noise_of_grey, workers)
+        self.noise = denoising.smooth(self.grey, self.gain, self._noise_of_grey, workers)
 
     def _known_noise(
         self, image: Image, weights: Sequence[float] | Array, noise: Array | None
@@ -198,9 +198,9 @@ class ContrastNormalizer:
         0 where the image was not smoothed, since it has hardly any noise.
         """
         gain = self.gain[step // 2 :: step, step // 2 :: step]
-        if not self._smoother.smoothed:
+        if self.noise <= denoising.LEAST_NOISE:
             return np.zeros(gain.shape)
-        return noise_gradient(self._noise_of_grey * gain)
+        return denoising.noise_gradient(self._noise_of_grey * gain)
 
     def _mix(self, image: Image, weights: Sequence[float] | Array, workers: Workers) -> None:
         scale = _FINE if image.dtype == np.uint8 else 1.0
@@ -256,25 +256,3 @@ def _mix(start: int, stop: int, image: Any, red: Any, green: Any, blue: Any, gre
                 red * np.float32(image[y, x, 0]) + green * np.float32(image[y, x, 1])
                 + blue * np.float32(image[y, x, 2]) + half
             )
-
-
-@njit(nogil=True)
-def _look_up(
-    start: int, stop: int, range_map: Any, factor: int, scale: Any, table: Any, gain: Any
-) -> None:
-    height, width = range_map.shape
-    last = np.float32(table.size - 1)
-    value = table[0]
-    for y in range(start, stop):
-        row = range_map[min(y // factor, height - 1)]
-        for column in range(width):
-            at = row[column] * scale
-            # Also true where the range is not a number.
-            if not at < last:
-                at = last
-            value = table[index_of(at, 0, table.size - 1)]
-            for x in range(column * factor, (column + 1) * factor):
-                gain[y, x] = value
-        # What fills no whole square takes its neighbour's.
-        for x in range(width * factor, gain.shape[1]):
-            gain[y, x] = value

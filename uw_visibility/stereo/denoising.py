@@ -39,75 +39,61 @@ _DEVIATIONS = 4.0
 _TABLE = 1024
 
 
-class NoiseAdaptiveSmoother:
-    """Smoothing of one view, in memory that is allocated when it is first needed.
+def smooth(
+    grey: NDArray[np.uint16], gain: NDArray[np.float32], noise: float, workers: Workers
+) -> float:
+    """Smooth a grey image in place; return its restored noise before that.
 
-    `smoothed` tells whether the last image was smoothed.
+    `gain` is 8-bit levels of even contrast per unit of `grey`, `noise` the standard
+    deviation of the image's noise in units of `grey`. The restored noise is that at the
+    median gain, in levels; up to `LEAST_NOISE` the image stays as it is.
     """
-
-    def __init__(self, shape: tuple[int, int]) -> None:
-        self._shape = shape
-        self.smoothed = False
-        self._scales: NDArray[np.float32] | None = None
-
-    def smooth(
-        self, grey: NDArray[np.uint16], gain: NDArray[np.float32], noise: float, workers: Workers
-    ) -> float:
-        """Smooth a grey image in place; return its restored noise before that.
-
-        `gain` is 8-bit levels of even contrast per unit of `grey`, `noise` the standard
-        deviation of the image's noise in units of `grey`. The restored noise is that at the
-        median gain, in levels.
-        """
-        sample = gain[::8, ::8]
-        restored = noise * float(np.median(sample))
-        self.smoothed = restored > LEAST_NOISE
-        if not self.smoothed:
-            return restored
-        # Of each row.
-        largest = gain.max(axis=1)
-        low, high = float(gain.min()), float(largest.max())
-        if high <= low * (1.0 + 1e-6):
-            cv2.GaussianBlur(grey, (0, 0), _scale_of(restored), dst=grey)
-            return restored
-        gains = np.linspace(low, high, _TABLE)
-        position = _position_of(np.asarray(_scale_of(noise * gains))).astype(np.float32)
-        per_gain = np.float32((_TABLE - 1) / (high - low))
-        coarsest = position[((largest - np.float32(low)) * per_gain + np.float32(0.5)).astype(int)]
-        # Two neighbouring scales at least, also where all is beyond the coarsest one.
-        finest = min(int(position.min()), _LEVELS - 1)
-        scales = self._blurred(grey, finest, np.minimum(coarsest.astype(int) + 1, _LEVELS))
-        workers.rows(
-            _interpolate, grey.shape[0], scales, gain, np.float32(low), per_gain, position, grey)
+    restored = noise * float(np.median(gain[::8, ::8]))
+    if restored <= LEAST_NOISE:
         return restored
+    # Of each row.
+    largest = gain.max(axis=1)
+    low, high = float(gain.min()), float(largest.max())
+    if high <= low * (1.0 + 1e-6):
+        cv2.GaussianBlur(grey, (0, 0), _scale_of(restored), dst=grey)
+        return restored
+    gains = np.linspace(low, high, _TABLE)
+    position = _position_of(np.asarray(_scale_of(noise * gains))).astype(np.float32)
+    per_gain = np.float32((_TABLE - 1) / (high - low))
+    coarsest = position[((largest - np.float32(low)) * per_gain + np.float32(0.5)).astype(int)]
+    # Two neighbouring scales at least, also where all is beyond the coarsest one.
+    finest = min(int(position.min()), _LEVELS - 1)
+    scales = _blurred(grey, finest, np.minimum(coarsest.astype(int) + 1, _LEVELS))
+    workers.rows(
+        _interpolate, grey.shape[0], scales, gain, np.float32(low), per_gain, position, grey)
+    return restored
 
-    def _blurred(
-        self, grey: NDArray[np.uint16], finest: int, coarsest: NDArray[np.intp]
-    ) -> NDArray[np.float32]:
-        """Images at the scales from the finest to the coarsest that each row needs.
 
-        Each is made from the one before, in floating point, which OpenCV blurs in half the time
-        of 16-bit numbers, and only in the rows that need it: coarse scales are seldom needed in
-        all rows.
-        """
-        if self._scales is None:
-            self._scales = np.empty((_LEVELS + 1, *self._shape), np.float32)
-        scales = self._scales
-        scales[0] = grey
-        steps = []
-        start, stop = len(grey), 0
-        # From the coarsest on: rows that are read to make a scale, by the next one's.
-        for level in range(int(coarsest.max()), max(finest, 1) - 1, -1):
-            before = level - 1 if level > max(finest, 1) else 0
-            sigma = math.sqrt(_sigma(level) ** 2 - _sigma(before) ** 2)
-            reach = math.ceil(_DEVIATIONS * sigma) + 1
-            needing = np.flatnonzero(coarsest >= level)
-            start = max(min(start, int(needing[0])) - reach, 0)
-            stop = min(max(stop, int(needing[-1]) + 1) + reach, len(grey))
-            steps.append((before, level, sigma, slice(start, stop)))
-        for before, level, sigma, rows in reversed(steps):
-            cv2.GaussianBlur(scales[before, rows], (0, 0), sigma, dst=scales[level, rows])
-        return scales
+def _blurred(
+    grey: NDArray[np.uint16], finest: int, coarsest: NDArray[np.intp]
+) -> NDArray[np.float32]:
+    """Images at the scales from the finest to the coarsest that each row needs.
+
+    Each is made from the one before, in floating point, which OpenCV blurs in half the time
+    of 16-bit numbers, and only in the rows that need it: coarse scales are seldom needed in
+    all rows.
+    """
+    scales = np.empty((_LEVELS + 1, *grey.shape), np.float32)
+    scales[0] = grey
+    steps = []
+    start, stop = len(grey), 0
+    # From the coarsest on: rows that are read to make a scale, by the next one's.
+    for level in range(int(coarsest.max()), max(finest, 1) - 1, -1):
+        before = level - 1 if level > max(finest, 1) else 0
+        sigma = math.sqrt(_sigma(level) ** 2 - _sigma(before) ** 2)
+        reach = math.ceil(_DEVIATIONS * sigma) + 1
+        needing = np.flatnonzero(coarsest >= level)
+        start = max(min(start, int(needing[0])) - reach, 0)
+        stop = min(max(stop, int(needing[-1]) + 1) + reach, len(grey))
+        steps.append((before, level, sigma, slice(start, stop)))
+    for before, level, sigma, rows in reversed(steps):
+        cv2.GaussianBlur(scales[before, rows], (0, 0), sigma, dst=scales[level, rows])
+    return scales
 
 
 def _sigma(level: int) -> float:
