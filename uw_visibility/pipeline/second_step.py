@@ -25,7 +25,6 @@ from uw_visibility.stereo.elas import DenseMatch, SupportPoints
 from uw_visibility.stereo.interpolation import fill_gaps, inpaint
 from uw_visibility.stereo.matchers import disparity_limits
 from uw_visibility.stereo.noise_scale import matching_scale, shown
-from uw_visibility.stereo.onnx_matcher import NetworkMatch
 from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.stereo.rig import DISPARITY_STDDEV, StereoRig
 from uw_visibility.stereo.views import in_right_view
@@ -57,9 +56,8 @@ class ImprovedDisparity:
     @property
     def stddev(self) -> float:
         """Standard deviation of `disparity`, px: a network's is learnt from the frame."""
-        if isinstance(self.match, NetworkMatch):
-            return self.match.stddev * self.scale
-        return DISPARITY_STDDEV
+        stddev = self.match.stddev
+        return DISPARITY_STDDEV if stddev is None else stddev * self.scale
 
 
 class SecondStep:

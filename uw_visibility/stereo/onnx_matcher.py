@@ -10,7 +10,6 @@ disparities' error and how sure each of them is.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -34,19 +33,6 @@ from uw_visibility.stereo.views import in_right_view
 _WIDEST_DETAIL = 8.0
 
 
-@dataclass(frozen=True)
-class NetworkMatch(DenseMatch):
-    """Disparities of a network.
-
-    Attributes
-    ----------
-    stddev : float
-        Standard deviation of `disparity` where it is matched, px.
-    """
-
-    stddev: float = DISPARITY_STDDEV
-
-
 class OnnxMatcher(Matcher):
     """ELAS whose dense search is a network (`StereoConfig.model`); see `Matcher`.
 
@@ -66,7 +52,7 @@ class OnnxMatcher(Matcher):
 
     def dense_disparity(
         self, support: SupportPoints, *, confidence: bool = True, least_for_colour: float = 0.0,
-    ) -> NetworkMatch:
+    ) -> DenseMatch:
         """Match every pixel of the described pair; `support` changes nothing.
 
         Without the second run (`StereoConfig.network_check`) none is rated.
@@ -76,8 +62,9 @@ class OnnxMatcher(Matcher):
         disparity = self._run(left, right)
         if not self._config.network_check:
             self._clear(disparity)
-            return NetworkMatch(
-                disparity, np.rint(in_right_view(disparity, self._workers)), None)
+            return DenseMatch(
+                disparity, np.rint(in_right_view(disparity, self._workers)), None,
+                stddev=DISPARITY_STDDEV)
         best_right = self._run(right[:, ::-1], left[:, ::-1])[:, ::-1]
         low, high = self._disparities
         stddev, rated = rate_difference(
@@ -87,14 +74,13 @@ class OnnxMatcher(Matcher):
         rated[np.isnan(disparity)] = 0
         for_colour = disparity.copy()
         for_colour[rated < least_for_colour] = np.nan
-        return NetworkMatch(
+        return DenseMatch(
             disparity, np.rint(best_right), rated if confidence else None, for_colour, stddev)
 
     def _clear(self, disparity: DisparityMap) -> None:
         """Set to NaN, as ELAS does, what noise explains, as in open water, and small segments."""
-        config = self._config
-        self._noise.remove(self._descriptors, disparity, self._noise_gradient(), self._workers)
-        remove_segments(disparity, config.segment_size, config.segment_difference)
+        self._remove_noise(disparity)
+        remove_segments(disparity, self._config.segment_size, self._config.segment_difference)
 
     def _run(self, left: NDArray[np.float32], right: NDArray[np.float32]) -> DisparityMap:
         """Return the network's disparities, px; NaN beyond the limits and beyond the view."""

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.contrast import ContrastNormalizer
-from uw_visibility.stereo.elas.edges import EdgeVote
+from uw_visibility.stereo.elas.edges import move_edges
 
 SHAPE = (60, 90)
 NEAR, FAR = 30.0, 10.0
@@ -33,7 +33,7 @@ def box():
 
 def moved(disparity, image, threads=1):
     result = disparity.copy()
-    EdgeVote(SHAPE).move(result, image, Workers(threads))
+    move_edges(result, image, Workers(threads))
     return result
 
 
@@ -47,7 +47,7 @@ def test_a_surface_that_grew_over_its_border_shrinks_to_it():
 def test_what_would_be_moved_may_be_left_out():
     grey, truth, fat = box()
     dropped = fat.copy()
-    EdgeVote(SHAPE).drop(dropped, contrast(grey), Workers(2))
+    move_edges(dropped, contrast(grey), Workers(2), drop=True)
     wrong = fat != truth
     assert np.isnan(dropped[wrong]).mean() > 0.9
     assert np.isnan(dropped[~wrong]).mean() < 0.01

@@ -6,12 +6,12 @@ import numpy as np
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo.elas.postprocess import (
-    AdaptiveMean,
     check_and_refine,
     fill_small_gaps,
     meeting_of_lines,
     remove_occluded,
     remove_segments,
+    smooth,
 )
 
 NAN = np.float32(np.nan)
@@ -112,7 +112,7 @@ def test_the_mean_takes_noise_off_and_keeps_edges_and_holes():
     noisy = truth + rng.normal(0, 0.3, truth.shape).astype(np.float32)
     noisy[10:14, 40:44] = NAN
     smoothed = noisy.copy()
-    AdaptiveMean(truth.shape, 3.0).smooth(smoothed, 5, Workers(1))
+    smooth(smoothed, 5, 3.0, Workers(1))
     np.testing.assert_array_equal(np.isnan(smoothed), np.isnan(noisy))
     known = np.isfinite(noisy)
     assert np.std((smoothed - truth)[known]) < 0.35 * np.std((noisy - truth)[known])
@@ -123,7 +123,7 @@ def test_the_mean_leaves_a_slope_as_it_is():
     y, x = np.mgrid[:40, :60]
     slope = (20 + 0.2 * x - 0.1 * y).astype(np.float32)
     smoothed = slope.copy()
-    AdaptiveMean(slope.shape, 3.0).smooth(smoothed, 5, Workers(1))
+    smooth(smoothed, 5, 3.0, Workers(1))
     np.testing.assert_allclose(smoothed[5:-5, 5:-5], slope[5:-5, 5:-5], atol=1e-4)
 
 

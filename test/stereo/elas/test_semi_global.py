@@ -10,9 +10,9 @@ from uw_visibility.config.schema import StereoConfig
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import semi_global
 from uw_visibility.stereo.elas.descriptors import BYTES, Descriptors
-from uw_visibility.stereo.elas.semi_global import SemiGlobalSearch, compare_tones
 
-SETTINGS = StereoConfig(plane_radius=2, plane_deviation=1.0, prior_outlier=0.05)
+SETTINGS = StereoConfig(
+    plane_radius=2, plane_deviation=1.0, prior_outlier=0.05, likelihood_weight=0.05)
 DISPARITIES = 0, 40
 NOISE = 15.0
 
@@ -43,9 +43,9 @@ def search(
             of_view.horizontal[:] = of_view.vertical[:] = 128
         described.append(of_view)
     best, refined = np.empty((2, *shape), np.int16), np.empty(shape, np.float32)
-    SemiGlobalSearch(shape, disparities, SETTINGS, workers).search(
-        tuple(described), compare_tones(*views, points), points, NOISE,
-        np.full(shape, plane, np.float32), np.zeros(shape, np.bool_), 0.05, best, refined)
+    semi_global.search(
+        SETTINGS, disparities, tuple(described), semi_global.compare_tones(*views, points), points,
+        NOISE, np.full(shape, plane, np.float32), np.zeros(shape, np.bool_), best, refined, workers)
     return best, refined
 
 

@@ -31,15 +31,12 @@ _NOTHING = np.int32((1 << 30) - 1)
 CELL = 20
 
 
-def plane_prior(config: StereoConfig, likelihood: float) -> NDArray[np.int32]:
-    """Energy by distance from the plane, px, in units of descriptor difference; at most 0.
-
-    `likelihood` is the weight of such a unit against the prior.
-    """
+def plane_prior(config: StereoConfig) -> NDArray[np.int32]:
+    """Energy by distance from the plane, px, in units of descriptor difference; at most 0."""
     distance = np.arange(config.plane_radius + 1)
     outlier = config.prior_outlier
     probability = outlier + np.exp(-(distance**2) / (2 * config.plane_deviation**2))
-    energy = -(np.log(probability) - np.log(outlier)) / likelihood
+    energy = -(np.log(probability) - np.log(outlier)) / config.likelihood_weight
     return np.round(energy).astype(np.int32)
 
 
@@ -87,7 +84,6 @@ class DenseSearch:
         descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
         plane: NDArray[np.float32],
         steep: NDArray[np.bool_],
-        likelihood: float,
     ) -> None:
         """Try the disparities about the mesh's plane, and write the best of all to `best`.
 
@@ -97,7 +93,7 @@ class DenseSearch:
         """
         self._workers.rows(
             _try_planes, plane.shape[0], *descriptors, plane, steep, *self._disparities,
-            plane_prior(self._config, likelihood), *self._keys, *self.best,
+            plane_prior(self._config), *self._keys, *self.best,
         )
 
 

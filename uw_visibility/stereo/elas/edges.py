@@ -31,27 +31,15 @@ _CHANGE = np.float32(1.5)
 _ALIKE = 17.0
 
 
-class EdgeVote:
-    """Edge-aware filter of depth edges by those of the image; memory is allocated once."""
+def move_edges(
+    disparity: DisparityMap, image: ContrastNormalizer, workers: Workers, *, drop: bool = False
+) -> None:
+    """Move the edges of a map ``(H, W)`` float32, px, to those of the image, in place.
 
-    def __init__(self, shape: tuple[int, int]) -> None:
-        self._before = np.empty(shape, np.float32)
-
-    def move(self, disparity: DisparityMap, image: ContrastNormalizer, workers: Workers) -> None:
-        """Move the edges of a map ``(H, W)`` float32, px, in place; NaN stays NaN."""
-        self._filter(disparity, image, True, workers)
-
-    def drop(self, disparity: DisparityMap, image: ContrastNormalizer, workers: Workers) -> None:
-        """Set what `move` would move to NaN, in place."""
-        self._filter(disparity, image, False, workers)
-
-    def _filter(
-        self, disparity: DisparityMap, image: ContrastNormalizer, replace: bool, workers: Workers
-    ) -> None:
-        np.copyto(self._before, disparity)
-        workers.rows(
-            _vote, disparity.shape[0], image.grey, image.gain, self._before, replace, disparity
-        )
+    NaN stays NaN; with `drop`, what would be moved is set to NaN, too.
+    """
+    workers.rows(
+        _vote, disparity.shape[0], image.grey, image.gain, disparity.copy(), not drop, disparity)
 
 
 @njit(nogil=True, error_model="numpy")

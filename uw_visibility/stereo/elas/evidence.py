@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
-from uw_visibility.images.arrays import Array, DisparityMap
+from uw_visibility.images.arrays import Array, DisparityMap, Map
 from uw_visibility.stereo.elas.descriptors import BYTES, absolute_difference
 
 # Side of the cells that sums are taken over, px, and cells to a neighbourhood's side.
@@ -41,46 +41,32 @@ _SIGNAL = 1.5
 MEAN_OF_NORMAL = math.sqrt(2.0 / math.pi)
 
 
-class NoiseFilter:
-    """Filter of matches that noise explains, in memory that is allocated once.
+def remove_noise(
+    descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]], disparity: DisparityMap,
+    noise: Array, most: float, workers: Workers,
+) -> None:
+    """Set matches that noise explains to NaN, in place.
 
-    `most` is the largest sum of differences over sum of textures that a match may have
-    around it; about 1.1 is noise, a clear surface has 0.2 to 0.6.
+    `noise` is the standard deviation of the gradient responses that noise makes in each cell,
+    0 where it is not known. `most` is the largest sum of differences over sum of textures that a
+    match may have around it; about 1.1 is noise, a clear surface has 0.2 to 0.6.
     """
+    height, width = disparity.shape
+    sums = np.zeros((3, -(-height // CELL), -(-width // CELL)), np.float32)
+    workers.rows(_sum_up, sums.shape[1], *descriptors, disparity, *sums)
+    difference, texture = (_around(each, _NEIGHBOURHOOD) for each in sums[:2])
+    noisy = difference >= np.float32(most) * texture
+    # Smoothed noise matches by chance: where gradients are no stronger than its own,
+    # nothing but chance is matched.
+    texture, count = (_around(each, _SIGNAL_NEIGHBOURHOOD) for each in sums[1:])
+    noisy |= texture < (_SIGNAL * MEAN_OF_NORMAL * BYTES) * noise * count
+    pixels = noisy.repeat(CELL, axis=0).repeat(CELL, axis=1)
+    disparity[pixels[:height, :width]] = np.nan
 
-    def __init__(self, shape: tuple[int, int], most: float) -> None:
-        cells = (-(-shape[0] // CELL), -(-shape[1] // CELL))
-        self._difference, self._texture, self._count = np.empty((3, *cells), np.float32)
-        self._most = np.float32(most)
 
-    def remove(
-        self,
-        descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-        disparity: DisparityMap,
-        noise: Array,
-        workers: Workers,
-    ) -> None:
-        """Set matches that noise explains to NaN, in place.
-
-        `noise` is the standard deviation of the gradient responses that noise makes in each cell,
-        0 where it is not known.
-        """
-        rows = self._difference.shape[0]
-        workers.rows(
-            _sum_up, rows, descriptors[0], descriptors[1], disparity, self._difference,
-            self._texture, self._count,
-        )
-        size = (_NEIGHBOURHOOD, _NEIGHBOURHOOD)
-        difference = cv2.blur(self._difference, size, borderType=cv2.BORDER_CONSTANT)
-        texture = cv2.blur(self._texture, size, borderType=cv2.BORDER_CONSTANT)
-        noisy = difference >= self._most * texture
-        # Smoothed noise matches by chance: where gradients are no stronger than its own,
-        # nothing but chance is matched.
-        near = (_SIGNAL_NEIGHBOURHOOD, _SIGNAL_NEIGHBOURHOOD)
-        texture = cv2.blur(self._texture, near, borderType=cv2.BORDER_CONSTANT)
-        count = cv2.blur(self._count, near, borderType=cv2.BORDER_CONSTANT)
-        noisy |= texture < (_SIGNAL * MEAN_OF_NORMAL * BYTES) * noise * count
-        workers.rows(_clear, rows, noisy, disparity)
+def _around(cells: Map, side: int) -> Map:
+    """Mean over the cells around each; beyond the border there is nothing."""
+    return np.asarray(cv2.blur(cells, (side, side), borderType=cv2.BORDER_CONSTANT))
 
 
 @njit(nogil=True)
@@ -91,9 +77,6 @@ def _sum_up(
     """Sum over every other matched pixel of each cell."""
     height, width = disparity.shape
     for row in range(start, stop):
-        difference[row] = 0
-        texture[row] = 0
-        count[row] = 0
         for y in range(row * CELL, min((row + 1) * CELL, height)):
             for x in range(y & 1, width, 2):
                 d = disparity[y, x]
@@ -114,14 +97,3 @@ def _sum_up(
 def _step(x: Any, width: int, apart: int) -> int:
     """Bytes to the descriptor so many pixels to the right, or to the left at the border."""
     return BYTES * (apart if x + apart < width else -min(apart, x))
-
-
-@njit(nogil=True)
-def _clear(start: int, stop: int, noise: Any, disparity: Any) -> None:
-    height, width = disparity.shape
-    for row in range(start, stop):
-        for column in range(noise.shape[1]):
-            if noise[row, column]:
-                for y in range(row * CELL, min((row + 1) * CELL, height)):
-                    for x in range(column * CELL, min((column + 1) * CELL, width)):
-                        disparity[y, x] = np.nan

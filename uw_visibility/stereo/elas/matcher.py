@@ -11,19 +11,17 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
-from uw_visibility.images.arrays import Array, DisparityMap
+from uw_visibility.images.arrays import DisparityMap
 from uw_visibility.images.view import View
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.denoising import LEAST_NOISE
-from uw_visibility.stereo.elas import mesh, postprocess
+from uw_visibility.stereo.elas import mesh, postprocess, semi_global
 from uw_visibility.stereo.elas.confidence import rate
 from uw_visibility.stereo.elas.confidence_in_noise import drop_doubtful, rate_in_noise
 from uw_visibility.stereo.elas.dense import DenseSearch
 from uw_visibility.stereo.elas.descriptors import SCALE, Descriptors
-from uw_visibility.stereo.elas.edges import EdgeVote
-from uw_visibility.stereo.elas.evidence import CELL, NoiseFilter
-from uw_visibility.stereo.elas.postprocess import AdaptiveMean
-from uw_visibility.stereo.elas.semi_global import SemiGlobalSearch, compare_tones
+from uw_visibility.stereo.elas.edges import move_edges
+from uw_visibility.stereo.elas.evidence import CELL, remove_noise
 from uw_visibility.stereo.elas.support import SupportGrid, SupportPoints
 
 NOISE_RADIUS = 2
@@ -98,12 +96,16 @@ class DenseMatch:
     with_occlusions : (H, W) float32 ndarray or None
         `disparity` and that of what something nearer hides from the right view, which is taken
         from its surroundings: no match, but good for colour; None for the same as `disparity`.
+    stddev : float or None
+        Standard deviation of `disparity` where it is matched, px of the matched images, where
+        the frame tells it.
     """
 
     disparity: DisparityMap
     right: NDArray[np.float32]
     confidence: NDArray[np.float32] | None
     with_occlusions: DisparityMap | None = None
+    stddev: float | None = None
 
 
 class Matcher:
@@ -141,10 +143,6 @@ class Matcher:
         self._plane = np.empty(shape, np.float32)
         self._steep = np.empty(shape, np.bool_)
         self._search = DenseSearch(shape, disparities, config, workers)
-        self._search_in_noise = SemiGlobalSearch(shape, disparities, config, workers)
-        self._noise = NoiseFilter(shape, config.noise_ratio)
-        self._edges = EdgeVote(shape)
-        self._mean = AdaptiveMean(shape, config.smoothing_difference)
         # The described pair.
         self._images: dict[int, ContrastNormalizer] = {}
 
@@ -248,18 +246,17 @@ class Matcher:
         descriptors = self._descriptors
         if self._is_noisy():
             self._draw_mesh(support)
-            self._search_in_noise.search(
-                self._views, compare_tones(self._left, self._images[1], support.points),
-                support.points, self._left.noise, self._plane, self._steep,
-                config.likelihood_weight, best, disparity)
+            tones = semi_global.compare_tones(self._left, self._images[1], support.points)
+            semi_global.search(
+                config, self._disparities, self._views, tones, support.points, self._left.noise,
+                self._plane, self._steep, best, disparity, self._workers)
             postprocess.check(best, tolerance, disparity, self._workers)
             return
         self._workers.together(
             lambda: self._draw_mesh(support),
             lambda: self._search.try_candidates(descriptors, support.points),
         )
-        self._search.try_plane(
-            descriptors, self._plane, self._steep, config.likelihood_weight)
+        self._search.try_plane(descriptors, self._plane, self._steep)
         postprocess.check_and_refine(best, descriptors, tolerance, disparity, self._workers)
 
     @property
@@ -269,14 +266,17 @@ class Matcher:
     def _is_noisy(self) -> bool:
         return self._left.noise > LEAST_NOISE
 
-    def _noise_gradient(self) -> Array:
-        """Noise of the descriptors' bytes in each of the noise filter's cells."""
+    def _remove_noise(self, disparity: DisparityMap) -> None:
+        """Set what noise explains, as in open water, to NaN."""
+        # Noise of the descriptors' bytes in each of the noise filter's cells.
         cells = SCALE * self._left.noise_gradient(CELL)
         # A cell at the border may end before its middle: it is as the one before.
         rows, columns = (
             np.minimum(np.arange(-(-n // CELL)), m - 1)
             for n, m in zip(self._shape, cells.shape, strict=True))
-        return cells[np.ix_(rows, columns)]
+        remove_noise(
+            self._descriptors, disparity, cells[np.ix_(rows, columns)], self._config.noise_ratio,
+            self._workers)
 
     def _draw_mesh(self, support: SupportPoints) -> None:
         corners = mesh.with_corners(support.points[support.vertices], self._shape)
@@ -284,13 +284,14 @@ class Matcher:
         mesh.rasterize(triangles, self._plane, self._workers, self._steep)
 
     def _postprocess(self, config: StereoConfig, disparity: DisparityMap) -> None:
-        self._noise.remove(self._descriptors, disparity, self._noise_gradient(), self._workers)
+        widest = config.smoothing_difference
+        self._remove_noise(disparity)
         if self._is_noisy():
-            self._mean.smooth(disparity, NOISE_RADIUS, self._workers)
+            postprocess.smooth(disparity, NOISE_RADIUS, widest, self._workers)
         postprocess.remove_segments(disparity, config.segment_size, config.segment_difference)
-        self._edges.drop(disparity, self._left, self._workers)
+        move_edges(disparity, self._left, self._workers, drop=True)
         postprocess.fill_small_gaps(
             disparity, config.gap_width, config.gap_difference, self._workers
         )
-        self._mean.smooth(disparity, config.smoothing_radius, self._workers)
-        self._edges.move(disparity, self._left, self._workers)
+        postprocess.smooth(disparity, config.smoothing_radius, widest, self._workers)
+        move_edges(disparity, self._left, self._workers)

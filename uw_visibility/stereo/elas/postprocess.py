@@ -200,26 +200,18 @@ def _clear_hidden(nearest: Any, column: Any, row: Any) -> None:
         row[x] = np.float32(np.nan) if hidden else row[x]
 
 
-class AdaptiveMean:
-    """Mean over neighbours of the same surface: the last step of ELAS.
+def smooth(disparity: DisparityMap, radius: int, difference: float, workers: Workers) -> None:
+    """Mean over neighbours of the same surface, in place: the last step of ELAS.
 
-    A neighbour's weight falls linearly with the difference of the disparities
-    and is zero from `difference`, px, on, so that depth edges stay. Rows first, then columns.
+    A map (H, W) is smoothed over `radius` neighbours to each side, rows first, then columns; NaN
+    stays NaN. A neighbour's weight falls linearly with the difference of the disparities and is
+    zero from `difference`, px, on, so that depth edges stay.
     """
-
-    def __init__(self, shape: tuple[int, int], difference: float) -> None:
-        self._difference = np.float32(difference)
-        self._between = np.empty(shape, np.float32)
-
-    def smooth(self, disparity: DisparityMap, radius: int, workers: Workers) -> None:
-        """Smooth a map (H, W) in place over `radius` neighbours to each side; NaN stays NaN."""
-        if radius == 0:
-            return
-        height = disparity.shape[0]
-        workers.rows(
-            _smooth, height, disparity, radius, self._difference, True, self._between)
-        workers.rows(
-            _smooth, height, self._between, radius, self._difference, False, disparity)
+    if radius == 0:
+        return
+    height, between, limit = disparity.shape[0], np.empty_like(disparity), np.float32(difference)
+    workers.rows(_smooth, height, disparity, radius, limit, True, between)
+    workers.rows(_smooth, height, between, radius, limit, False, disparity)
 
 
 @njit(nogil=True, error_model="numpy")

@@ -94,64 +94,46 @@ def compare_tones(left: ContrastNormalizer, right: ContrastNormalizer, points: P
     return Tones(left.grey, right.grey, left.gain, offset)
 
 
-class SemiGlobalSearch:
-    """Semi-global search, with memory for the rows at work alone."""
+def search(
+    config: StereoConfig, disparities: tuple[int, int],
+    descriptors: tuple[Descriptors, Descriptors], tones: Tones, points: Points, noise: float,
+    plane: NDArray[np.float32], steep: NDArray[np.bool_], best: NDArray[np.int16],
+    refined: NDArray[np.float32], workers: Workers,
+) -> None:
+    """Write the best disparities of both views, `best` (2, H, W), as `DenseSearch.best`.
 
-    def __init__(
-        self, shape: tuple[int, int], disparities: tuple[int, int], config: StereoConfig,
-        workers: Workers,
-    ) -> None:
-        self._shape = shape
-        self._disparities = disparities
-        self._config = config
-        self._workers = workers
+    Disparities are tried that lie among those of the support points `points` of the rows
+    around, within the limits `disparities`, px. `noise` is the restored noise of the median
+    pixel, in 8-bit levels of even contrast. `refined` (H, W) gets the left view's disparities at
+    sub-pixel resolution, px.
+    """
+    prior = np.minimum(-_PRIOR / _UNIT * plane_prior(config), _MOST_PRIOR)
+    # Rounded in the sum of the three paths: what each has too much is taken from the sum.
+    in_sum = np.round(3 * prior).astype(np.int16)
+    reward = -(-in_sum // 3)
+    level = min(noise, _MOST_NOISE)
+    ranges = _ranges(points, disparities, len(plane))
+    left, right = descriptors
+    workers.rows(
+        _search_strips, len(ranges), left.horizontal, left.vertical, right.horizontal,
+        right.vertical, tones.left, tones.right, tones.gain, np.float32(tones.offset),
+        np.float32(min(_TONE_PER_LEVEL * noise, _MOST_PER_LEVEL)), plane, steep, -reward,
+        3 * reward - in_sum, ranges, np.uint8(round((_STEP + _STEP_PER_LEVEL * level) / _UNIT)),
+        np.uint8(round((_JUMP + _JUMP_PER_LEVEL * level) / _UNIT)), *best, refined,
+    )
 
-    def search(
-        self,
-        descriptors: tuple[Descriptors, Descriptors],
-        tones: Tones,
-        points: Points,
-        noise: float,
-        plane: NDArray[np.float32],
-        steep: NDArray[np.bool_],
-        likelihood: float,
-        best: NDArray[np.int16],
-        refined: NDArray[np.float32],
-    ) -> None:
-        """Write the best disparities of both views, `best` (2, H, W), as `DenseSearch.best`.
 
-        Disparities are tried that lie among those of the support points `points` of the rows
-        around. `noise` is the restored noise of the median pixel, in 8-bit levels of even
-        contrast. `refined` (H, W) gets the left view's disparities at sub-pixel resolution, px.
-        """
-        prior = np.minimum(
-            -_PRIOR / _UNIT * plane_prior(self._config, likelihood), _MOST_PRIOR)
-        # Rounded in the sum of the three paths: what each has too much is taken from the sum.
-        in_sum = np.round(3 * prior).astype(np.int16)
-        reward = -(-in_sum // 3)
-        level = min(noise, _MOST_NOISE)
-        ranges = self._ranges(points)
-        left, right = descriptors
-        self._workers.rows(
-            _search_strips, len(ranges), left.horizontal, left.vertical, right.horizontal,
-            right.vertical, tones.left, tones.right, tones.gain, np.float32(tones.offset),
-            np.float32(min(_TONE_PER_LEVEL * noise, _MOST_PER_LEVEL)), plane, steep, -reward,
-            3 * reward - in_sum, ranges, np.uint8(round((_STEP + _STEP_PER_LEVEL * level) / _UNIT)),
-            np.uint8(round((_JUMP + _JUMP_PER_LEVEL * level) / _UNIT)), *best, refined,
-        )
-
-    def _ranges(self, points: Points) -> NDArray[np.int64]:
-        """Smallest and largest disparity to try in each strip of rows."""
-        low, high = self._disparities
-        strips = -(-self._shape[0] // _STRIP)
-        ranges = np.empty((strips, 2), np.int64)
-        for strip in range(strips):
-            middle = (strip + 0.5) * _STRIP
-            near = points[np.abs(points[:, 1] - middle) < 1.5 * _STRIP, 2]
-            if not len(near):
-                near = points[:, 2]
-            ranges[strip] = max(near.min() - _BEYOND, low), min(near.max() + _BEYOND + 1, high)
-        return ranges
+def _ranges(points: Points, disparities: tuple[int, int], height: int) -> NDArray[np.int64]:
+    """Smallest and largest disparity to try in each strip of rows."""
+    low, high = disparities
+    ranges = np.empty((-(-height // _STRIP), 2), np.int64)
+    for strip in range(len(ranges)):
+        middle = (strip + 0.5) * _STRIP
+        near = points[np.abs(points[:, 1] - middle) < 1.5 * _STRIP, 2]
+        if not len(near):
+            near = points[:, 2]
+        ranges[strip] = max(near.min() - _BEYOND, low), min(near.max() + _BEYOND + 1, high)
+    return ranges
 
 
 @njit(nogil=True, error_model="numpy")
