@@ -30,22 +30,18 @@ def find_grain(planes: NDArray[Any], noise: Array, decode: NDArray[np.float32]) 
     noise: (C,) float64, standard deviation of the noise, code values; rounding is added to it.
     decode: irradiance of each code value.
     """
-    variances = (noise**2 + ROUNDING_VARIANCE).tolist()
-    return np.stack([
-        _of_plane(planes[..., c].astype(np.float32), expected, decode)
-        for c, expected in enumerate(variances)])
-
-
-def _of_plane(plane: Map, expected: float, decode: NDArray[np.float32]) -> Map:
-    """Grain of one channel, (H, W), whose noise has the variance expected."""
-    size = plane.shape[1], plane.shape[0]
-    cells = max(size[0] // CELL, 1), max(size[1] // CELL, 1)
-    mean = cv2.resize(plane, cells, interpolation=cv2.INTER_AREA)
-    off = plane - cv2.resize(mean, size, interpolation=cv2.INTER_LINEAR)
-    variance = cv2.resize(off * off, cells, interpolation=cv2.INTER_AREA)
-    # A cell alone scatters; beside an edge, or on one, the larger variance is that of detail.
-    around = cv2.blur(variance, (3, 3), borderType=cv2.BORDER_REPLICATE)
-    share = expected / np.maximum(np.maximum(around, variance), expected)
-    code = np.clip(mean.astype(np.intp), 1, decode.size - 1)
-    share *= decode[code] - decode[code - 1]
-    return np.asarray(off * cv2.resize(share, size, interpolation=cv2.INTER_LINEAR))
+    height, width, count = planes.shape
+    size, cells = (width, height), (max(width // CELL, 1), max(height // CELL, 1))
+    grain = np.empty((count, height, width), np.float32)
+    for c, expected in enumerate((noise**2 + ROUNDING_VARIANCE).tolist()):
+        plane = planes[..., c].astype(np.float32)
+        mean = cv2.resize(plane, cells, interpolation=cv2.INTER_AREA)
+        off = plane - cv2.resize(mean, size, interpolation=cv2.INTER_LINEAR)
+        variance = cv2.resize(off * off, cells, interpolation=cv2.INTER_AREA)
+        # A cell alone scatters; beside an edge, or on one, the larger variance is that of detail.
+        around = cv2.blur(variance, (3, 3), borderType=cv2.BORDER_REPLICATE)
+        share = expected / np.maximum(np.maximum(around, variance), expected)
+        code = np.clip(mean.astype(np.intp), 1, decode.size - 1)
+        share *= decode[code] - decode[code - 1]
+        np.multiply(off, cv2.resize(share, size, interpolation=cv2.INTER_LINEAR), out=grain[c])
+    return grain

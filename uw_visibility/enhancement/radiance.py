@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -100,15 +101,16 @@ class Restorer:
         channels = self._prepare(water, planes.shape[2], noise, decode)
         ranged = (range_map >= 0) & (range_map < np.inf)
         trust = np.where(ranged, np.float32(1) if known is None else known, np.float32(0))
-        with np.errstate(invalid="ignore"):
-            # The number of a number and NaN is the number.
-            thickness = np.fmin(
-                channels.attenuation[:, np.newaxis, np.newaxis] * range_map,
-                np.float32(math.log(_BEYOND * self._max_gain)))
+        distance = np.where(ranged, range_map, np.float32(0))
+        # NumPy's minimum and exponential take four times as long.
+        thickness = cv2.min(
+            channels.attenuation[:, np.newaxis] * distance.ravel(),
+            math.log(_BEYOND * self._max_gain))
+        gain = cv2.exp(thickness).reshape(-1, *range_map.shape)
         enhanced = np.empty(planes.shape, image.dtype)
         limited = np.zeros(range_map.shape, np.bool_)
         self._workers.rows(
-            _restore, planes.shape[0], planes, np.exp(thickness), trust, decode,
+            _restore, planes.shape[0], planes, gain, trust, decode,
             encode_table(self._transfer, image.dtype), *channels[1:],
             find_grain(planes, noise, decode), enhanced, limited)
         return enhanced.reshape(image.shape), limited
