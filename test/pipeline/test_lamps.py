@@ -122,7 +122,7 @@ def test_where_lamps_are_known_a_frame_tells_whether_they_light_it(
 
 def test_a_frame_in_doubt_is_for_surveys_alone(night: RenderedFrame) -> None:
     config = auto()
-    estimators = Estimators(config, Assessor.from_config(config), CAMERA.rig)
+    estimators = Estimators(config, Assessor(config), CAMERA.rig)
     first = replace(WaterEstimate.not_assessable(Status.OK), lamps_log_odds=1.0 - DECLARED)
     found = estimators.estimate(View.of(night.left), night.range_left, 0.0, first)
     assert found.status is Status.LIGHT_UNCERTAIN and found.lamps_log_odds == pytest.approx(1.0)

@@ -115,7 +115,7 @@ def run(arguments: argparse.Namespace) -> None:
         with gathered(arguments.output, PRODUCTS, force=arguments.force) as folder:
             assumed = assumptions(config.to_parameters(), told, [rig.baseline])
             report = _write(
-                folder, result, DerivedModel.from_config(config), left, assumed, rig.range_error())
+                folder, result, DerivedModel(config), left, assumed, rig.range_error())
     say(_summary(report, arguments.output))
     told_distance = report["visibility_distance"] is not None
     say(definition(config.assessment.contrast) if told_distance else meaning(report["status"]))

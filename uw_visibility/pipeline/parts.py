@@ -121,7 +121,7 @@ def estimate_water(
     illumination = FlatFieldCorrection(camera, centres, Workers(1))
     if illumination.needed:
         image, _ = illumination.correct(image, image)
-    assessor = Assessor.from_config(config)
+    assessor = Assessor(config)
     estimators = Estimators(config, assessor, rig)
     range_map = rig.range_from_disparity(disparity.astype(np.float32))
     valid = check_arrays(image, range_map, valid)
@@ -137,7 +137,7 @@ def estimate_water(
         by_lamps = estimators.by_daylight is None
     return WaterResult(
         water.status, water, assessor.assess(water, by_lamps),
-        DerivedModel.from_config(config).derive(water), assessor.clear_water_attenuation,
+        DerivedModel(config).derive(water), assessor.clear_water_attenuation,
         range_map)
 
 

@@ -73,7 +73,7 @@ class Pipeline:
         self.config = config or PipelineConfig()
         self._workers = workers or Workers(self.config.threads)
         check_matcher(self.config.stereo, self._workers.threads)
-        self._assessor = Assessor.from_config(self.config)
+        self._assessor = Assessor(self.config)
         self._estimators = Estimators(self.config, self._assessor, rig)
         centres = rig.principal_point, rig.principal_point_right or rig.principal_point
         self._flat_field = FlatFieldCorrection(self.config.camera, centres, self._workers)

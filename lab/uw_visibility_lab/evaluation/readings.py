@@ -106,7 +106,7 @@ class Reader:
 
     def __init__(self, config: PipelineConfig) -> None:
         self._config = config
-        self.assessor = Assessor.from_config(config)
+        self.assessor = Assessor(config)
 
     def read(self, estimate: WaterEstimate) -> Reading:
         """Return an estimate with its assessment."""

@@ -216,7 +216,7 @@ class OnBoard:
 
     def __init__(self, veil: str = "free", weights: Path | None = None) -> None:
         self._config = WaterConfig(veil=veil)
-        self._daylight = Assessor.from_config(PipelineConfig()).daylight
+        self._daylight = Assessor(PipelineConfig()).daylight
         self._network = None if weights is None else network.load(weights)
 
     def __call__(self, case: Case) -> Answer:

@@ -40,7 +40,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("pool", type=Path)
     options = parser.parse_args(arguments)
-    assessor = Assessor.from_config(PipelineConfig())
+    assessor = Assessor(PipelineConfig())
     clear = assessor.clear_water_attenuation
     estimator = WaterEstimator(WaterConfig(veil="paper"), clear, daylight=assessor.daylight)
     drawn, found = 0, []

@@ -11,9 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from uw_visibility.config.schema import AssessmentConfig, WaterConfig
+from uw_visibility.config.schema import PipelineConfig, WaterConfig
 from uw_visibility.images.view import View
-from uw_visibility.optics.spectra import load_response
 from uw_visibility.status import Status
 from uw_visibility.water.blocks import reduce_to_blocks
 from uw_visibility.water.daylight.estimation import WaterEstimator
@@ -28,7 +27,7 @@ from uw_visibility.water.meaning.assessment import Assessor
 KAPPA = np.array([0.228, 0.066, 0.025])
 SHAPE = (192, 256)
 DRAWS = 40
-ASSESSOR = Assessor(AssessmentConfig(), load_response("nikon_d5100"))
+ASSESSOR = Assessor(PipelineConfig())
 
 
 @dataclass(frozen=True)

@@ -63,12 +63,12 @@ def test_water_takes_red_unless_the_camera_gives_it_back():
 
 
 def test_depth_alone_is_refused_and_only_where_the_white_is_not_measured():
-    plain = Assessor.from_config(PipelineConfig())
+    plain = Assessor(PipelineConfig())
     seen, grey = plain.assess(frame(False)), plain.assess(frame(True))
     assert seen.depth_status is Status.OK and seen.depth > 1.0
     assert grey.depth_status is Status.GREY_ON_AVERAGE and math.isnan(grey.depth)
     assert (grey.status, grey.distance) == (Status.OK, seen.distance)
-    calibrated = Assessor.from_config(
+    calibrated = Assessor(
         PipelineConfig.from_parameters({"camera.white_reference": [0.9, 1.0, 1.1]}))
     assert calibrated.assess(frame(True)).depth_status is Status.OK
 

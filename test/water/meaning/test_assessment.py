@@ -11,14 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uw_visibility.config.schema import AssessmentConfig
+from uw_visibility.config.schema import AssessmentConfig, CameraConfig, PipelineConfig
 from uw_visibility.optics.light_model import ambient_light_at_depth, visibility_distance
-from uw_visibility.optics.spectra import load_response
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor
 
-ASSESSOR = Assessor(AssessmentConfig(), load_response("nikon_d5100"))
+ASSESSOR = Assessor(PipelineConfig())
 KAPPA = ASSESSOR.clear_water_attenuation
 
 
@@ -50,22 +49,22 @@ def test_visibility_constant_of_five_percent_contrast():
 
 
 def test_contrast_is_a_parameter():
-    other = Assessor(AssessmentConfig(contrast=0.02), load_response("nikon_d5100"))
+    other = Assessor(PipelineConfig(assessment=AssessmentConfig(contrast=0.02)))
     seen = other.assess(estimate([0.5, 0.4, 0.3], [0.5, 0.6, 0.7]))
     assert seen.distance == pytest.approx(math.log(0.98 / 0.04 + 1) / 0.3)
 
 
 def test_the_white_reference_is_divided_out():
-    white = np.array([2.0, 1.0, 1.4])
-    assessor = Assessor(AssessmentConfig(), load_response("nikon_d5100"), white)
-    ambient = white * ambient_light_at_depth(KAPPA + 0.2, 4.0)
+    white = (2.0, 1.0, 1.4)
+    assessor = Assessor(PipelineConfig(camera=CameraConfig(white_reference=white)))
+    ambient = np.array(white) * ambient_light_at_depth(KAPPA + 0.2, 4.0)
     assert assessor.assess(estimate(KAPPA + 0.2, ambient)).depth == pytest.approx(4)
     assert abs(ASSESSOR.assess(estimate(KAPPA + 0.2, ambient)).depth - 4) > 0.5
 
 
 def test_depth_ends_at_the_surface_and_at_the_largest_depth():
     assert ASSESSOR.assess(estimate(KAPPA, [1.0, 0.5, 0.5])).depth == 0
-    shallow = Assessor(AssessmentConfig(max_depth=5.0), load_response("nikon_d5100"))
+    shallow = Assessor(PipelineConfig(assessment=AssessmentConfig(max_depth=5.0)))
     ambient = ambient_light_at_depth(KAPPA, 20.0)
     narrow = np.diag([1e-4, 1e-8] * 3)
     assert shallow.assess(estimate(KAPPA, ambient, narrow)).depth == 5

@@ -62,10 +62,10 @@ def test_parameters_can_be_pasted(tmp_path):
     path.write_text(render_values(found.parameters(), "found"), encoding="utf-8")
     config = PipelineConfig.from_yaml(path)
     assert config == PipelineConfig.from_parameters(found.parameters())
-    assessor = Assessor(config.assessment, RESPONSE, config.camera.white_reference)
+    assessor = Assessor(config)
     errors = [assessor.assess(e).depth - z for e, z in zip(estimates, depths, strict=True)]
     np.testing.assert_allclose(errors, found.residuals, atol=0.01)
-    before = Assessor(PipelineConfig().assessment, RESPONSE)
+    before = Assessor(PipelineConfig())
     assert np.abs(errors).mean() < 0.2 * np.abs(
         [before.assess(e).depth - z for e, z in zip(estimates, depths, strict=True)]).mean()
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.config.parameters import describe
-from uw_visibility.config.schema import AssessmentConfig
+from uw_visibility.config.schema import AssessmentConfig, PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.optics.water_type import (
@@ -96,7 +96,8 @@ def assess(attenuation, light, deviation):
     covariance = np.diag([deviation**2, (0.01 * light.mean()) ** 2] * 3)
     estimate = WaterEstimate(
         Status.OK, attenuation, light, covariance, 9, 40, (Status.OK,) * 3)
-    return Assessor(AssessmentConfig(water_type=ESTIMATED), RESPONSE).assess(estimate)
+    return Assessor(
+        PipelineConfig(assessment=AssessmentConfig(water_type=ESTIMATED))).assess(estimate)
 
 
 def test_water_that_takes_all_colours_alike_tells_no_depth():

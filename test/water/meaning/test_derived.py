@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from uw_visibility import estimate_water
-from uw_visibility.optics.spectra import load_response
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.optics.water_type import TYPES, water_type, water_types
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
@@ -18,7 +18,7 @@ from uw_visibility_lab.evaluation.scenes import SceneSource
 from uw_visibility_lab.simulation.formation import form_image
 from uw_visibility_lab.simulation.water import Water, WaterEffects
 
-MODEL = DerivedModel(load_response("nikon_d5100"))
+MODEL = DerivedModel(PipelineConfig())
 CLEAR = np.array([0.228, 0.066, 0.025])
 
 

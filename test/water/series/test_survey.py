@@ -12,16 +12,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uw_visibility.config.schema import AssessmentConfig, SurveyConfig, WaterConfig
+from uw_visibility.config.schema import PipelineConfig, SurveyConfig, WaterConfig
 from uw_visibility.optics.light_model import ambient_light_at_depth
-from uw_visibility.optics.spectra import load_response
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor
 from uw_visibility.water.series.survey import FrameWindow, Survey
 
-ASSESSOR = Assessor(AssessmentConfig(), load_response("nikon_d5100"))
+ASSESSOR = Assessor(PipelineConfig())
 KAPPA = ASSESSOR.clear_water_attenuation
 ESTIMATORS = {
     veil: WaterEstimator(WaterConfig(veil=veil), KAPPA, daylight=ASSESSOR.daylight)

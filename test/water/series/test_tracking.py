@@ -10,16 +10,15 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from uw_visibility.config.schema import AssessmentConfig, TrackingConfig
+from uw_visibility.config.schema import PipelineConfig, TrackingConfig
 from uw_visibility.errors import InputError
 from uw_visibility.optics.light_model import ambient_light_at_depth, visibility_distance
-from uw_visibility.optics.spectra import load_response
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor
 from uw_visibility.water.series.tracking import TrackingEvent, WaterTracker
 
-ASSESSOR = Assessor(AssessmentConfig(), load_response("nikon_d5100"))
+ASSESSOR = Assessor(PipelineConfig())
 KAPPA = ASSESSOR.clear_water_attenuation
 BETA = KAPPA + 0.15
 LIGHT = ambient_light_at_depth(BETA, 4.0)

@@ -58,7 +58,7 @@ def write_exports(
         more = [TRANSECT] * bool(transects) + [join.column for join in options.joins]
         write_geojson(folder / "frames.geojson", read_rows(table), more)
     if options.netcdf:
-        wavelengths = DerivedModel.from_config(options.pipeline).effective_wavelengths
+        wavelengths = DerivedModel(options.pipeline).effective_wavelengths
         write_netcdf(
             folder / "frames.nc", table, columns, attributes, wavelengths, transects,
             options.attributes)

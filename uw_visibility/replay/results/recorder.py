@@ -86,7 +86,7 @@ class FrameRecorder:
         self._folder, self._options = folder, options
         self._earlier, self._copied = earlier, copied
         self.columns = columns_of(options)
-        self._model = DerivedModel.from_config(options.pipeline)
+        self._model = DerivedModel(options.pipeline)
         self._table = TableWriter(folder / "frames.csv", tuple(self.columns))
         write_dictionary(folder / "frames.csv", self.columns)
         self._timings: TableWriter | None = None

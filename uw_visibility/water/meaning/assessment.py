@@ -8,12 +8,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from uw_visibility.config.schema import AssessmentConfig, PipelineConfig
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.light_model import visibility_distance
-from uw_visibility.optics.spectra import CameraResponse, clear_water_attenuation, load_response
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.validation import MIN_CODES
 from uw_visibility.water.estimate import WaterEstimate
@@ -75,11 +74,13 @@ class Assessor:
 
     Parameters
     ----------
-    config : AssessmentConfig
-    response : CameraResponse
-        Gives κ (eq. 10).
-    white_reference : (3,) array_like
-        The camera's R, G, B of white at the surface; the scale is free.
+    config : PipelineConfig
+        `assessment`, and the response and white of the camera.
+
+    Raises
+    ------
+    InputError
+        If the camera's spectral response cannot be loaded.
 
     Attributes
     ----------
@@ -89,29 +90,15 @@ class Assessor:
         What the ambient light is made of, for the estimate.
     """
 
-    def __init__(
-        self, config: AssessmentConfig, response: CameraResponse,
-        white_reference: ArrayLike = (1.0, 1.0, 1.0),
-    ) -> None:
+    def __init__(self, config: PipelineConfig) -> None:
+        white, response = config.camera.white_reference, load_response(config.camera.response)
         # Where it is another, the balance was measured, and images may well be grey with it.
-        self._white_is_daylight = np.ptp(np.asarray(white_reference, np.float64)) == 0.0
-        self._config = config
+        self._white_is_daylight = np.ptp(np.asarray(white, np.float64)) == 0.0
+        self._config = config.assessment
         self.clear_water_attenuation = clear_water_attenuation(response)
-        self._depth = DepthModel(config.water_type, response, white_reference, config.max_depth)
+        self._depth = DepthModel(
+            self._config.water_type, response, white, self._config.max_depth)
         self.daylight = self._depth.daylight
-
-    @classmethod
-    def from_config(cls, config: PipelineConfig) -> Assessor:
-        """Make the assessor that a pipeline's parameters describe.
-
-        Raises
-        ------
-        InputError
-            If the camera's spectral response cannot be loaded.
-        """
-        camera = config.camera
-        return cls(
-            config.assessment, load_response(camera.response), camera.white_reference)
 
     def assess(self, estimate: WaterEstimate, by_lamps: bool = False) -> Visibility:
         """Assess visibility and depth, with standard deviations by propagation.

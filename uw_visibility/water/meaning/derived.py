@@ -149,7 +149,9 @@ class DerivedQuantities:
 
 
 class DerivedModel:
-    """Model of the field's quantities, given a camera.
+    """Model of the field's quantities, given a pipeline's parameters.
+
+    Raises `InputError` if the camera's spectral response cannot be loaded.
 
     Attributes
     ----------
@@ -157,24 +159,14 @@ class DerivedModel:
         Of the channels, nm.
     """
 
-    def __init__(self, response: CameraResponse) -> None:
+    def __init__(self, config: PipelineConfig) -> None:
+        response = load_response(config.camera.response)
         self.effective_wavelengths = effective_wavelengths(response)
         self._types = [water_type(name) for name in TYPES]
         self._attenuation = np.stack([_seen(name, response, KEPT) for name in TYPES])
         # What the scattering that is kept changes in it.
         self._change = self._attenuation - np.stack(
             [_seen(name, response, KEPT + KEPT_DEVIATION) for name in TYPES])
-
-    @classmethod
-    def from_config(cls, config: PipelineConfig) -> DerivedModel:
-        """Make the model that a pipeline's parameters describe.
-
-        Raises
-        ------
-        InputError
-            If the camera's spectral response cannot be loaded.
-        """
-        return cls(load_response(config.camera.response))
 
     def derive(self, estimate: WaterEstimate) -> DerivedQuantities:
         """Derive the field's quantities, with standard deviations."""

@@ -111,7 +111,7 @@ class WaterFilter:
 
     def __init__(self, config: PipelineConfig) -> None:
         self.config = config
-        self._assessor = Assessor.from_config(config)
+        self._assessor = Assessor(config)
         self._tracker = WaterTracker(config.tracking)
         self._by_lamps = config.lighting.model in ("lamps", "both")
         self._survey = self._make_survey()
