@@ -27,7 +27,6 @@ from uw_visibility.plausibility.comparison import (
 from uw_visibility.plausibility.model import (
     CAMERA,
     INTERVAL,
-    Camera,
     InnovationModel,
     RightSensor,
     Taken,
@@ -61,13 +60,10 @@ class DepthMonitor:
     ----------
     config : PlausibilityConfig
         Limits; the attribute of that name may be replaced at any time.
-    camera : Camera
-        How the camera's depths err.
     """
 
-    def __init__(self, config: PlausibilityConfig, camera: Camera = CAMERA) -> None:
+    def __init__(self, config: PlausibilityConfig) -> None:
         self.config = config
-        self._camera = camera
         self.reset()
 
     def reset(self) -> None:
@@ -175,7 +171,7 @@ class DepthMonitor:
         config, model = self.config, self._model
         if model is None or model.right.stddev != config.model_stddev:
             model = self._model = InnovationModel(
-                RightSensor.before(estimate, config.model_stddev, self._camera))
+                RightSensor.before(estimate, config.model_stddev, CAMERA))
             self._taken, self._sensor_taken = estimate.stamp - RESTART_NANOSECONDS, math.nan
         elapsed = 1e-9 * abs(estimate.stamp - self._taken)
         difference = sensor.depth - estimate.depth
