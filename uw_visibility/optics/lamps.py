@@ -18,7 +18,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -167,30 +168,27 @@ def _of_channels(values: Array) -> Table:
     return np.asarray(values, np.float32)[:, np.newaxis, np.newaxis, np.newaxis]
 
 
-def nodes_of(shape: tuple[int, int]) -> tuple[Array, Array]:
-    """Columns and rows of the nodes over an image of a height and width, px."""
-    return np.linspace(0.0, shape[1] - 1, COLUMNS), np.linspace(0.0, shape[0] - 1, ROWS)
-
-
+# Of both cameras, at two sizes.
+@lru_cache(maxsize=4)
 def tabulate(
-    rays: Array, columns: Array, rows: Array, lamps: Sequence[Lamp],
+    rays_at: Callable[[Array, Array], Array], shape: tuple[int, int], lamps: tuple[Lamp, ...],
     eye: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> LampTables:
-    """Tabulate the light of lamps for a camera.
+    """Tabulate the light of lamps for a camera; the last tables are kept.
 
     Parameters
     ----------
-    rays : (Y, X, 3) float64 ndarray
-        Unit directions of the nodes' lines of sight.
-    columns, rows : (X,), (Y,) float64 ndarray
-        Pixels of the nodes.
-    lamps : sequence of Lamp
+    rays_at : callable
+        Gives unit directions, (Y, X, 3), through a grid of columns and rows, px.
+    shape : tuple of int
+        Height and width of the images, px.
+    lamps : tuple of Lamp
         In the left camera's frame, whose axes the camera's are.
     eye : tuple of float
         The camera's place in that frame, m.
     """
-    shape = rays.shape[:2]
-    directions = rays.reshape(-1, 3)
+    columns, rows = np.linspace(0.0, shape[1] - 1, COLUMNS), np.linspace(0.0, shape[0] - 1, ROWS)
+    directions = rays_at(columns, rows).reshape(-1, 3)
     distance, weight = _nodes()
     size = (len(ATTENUATIONS), 3, len(directions), len(RANGES))
     direct, scattered = np.full(size, DARKNESS), np.full(size, DARKNESS)
@@ -209,7 +207,7 @@ def tabulate(
             scattered[k] += colour * summed[:, at]
     return LampTables(
         columns, rows,
-        *(np.log(table).astype(np.float32).reshape(*size[:2], *shape, len(RANGES))
+        *(np.log(table).astype(np.float32).reshape(*size[:2], ROWS, COLUMNS, len(RANGES))
           for table in (direct, scattered)))
 
 

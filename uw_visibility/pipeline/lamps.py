@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.special import expit
@@ -16,7 +17,7 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.lamp_radiance import LampRestorer
 from uw_visibility.images.arrays import Image, Mask, PerChannel, RangeMap
 from uw_visibility.images.view import StereoViews, View
-from uw_visibility.optics.lamps import DirectLight, LampTables, nodes_of, tabulate
+from uw_visibility.optics.lamps import DirectLight, tabulate
 from uw_visibility.pipeline.result import NOT_LIMITED, NOT_WANTED, EnhancedImages, FilledStereo
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
@@ -103,22 +104,11 @@ class LampEnhancement:
     """Restoration of both views under lamps."""
 
     def __init__(self, rig: StereoRig, config: PipelineConfig, workers: Workers) -> None:
-        self._rig = rig
-        self._lamps = list(config.lighting.lamps())
+        self._lamps = tuple(config.lighting.lamps())
+        self._rays = rig.rays_at, partial(rig.rays_at, right=True)
+        self._eyes = (0.0, 0.0, 0.0), (rig.baseline, 0.0, 0.0)
         self._workers = workers
         self._restorer = LampRestorer(config.enhancement, config.camera.transfer, workers)
-        self._tables: dict[tuple[tuple[int, int], bool], LampTables] = {}
-
-    def tables(self, shape: tuple[int, int], right: bool) -> LampTables:
-        """Tables of the left or right camera for images of a height and width, px."""
-        if (shape, right) not in self._tables:
-            columns, rows = nodes_of(shape)
-            eye = (self._rig.baseline if right else 0.0, 0.0, 0.0)
-            # Of one size at a time, as buffers are.
-            self._tables = {key: t for key, t in self._tables.items() if key[0] == shape}
-            self._tables[shape, right] = tabulate(
-                self._rig.rays_at(columns, rows, right=right), columns, rows, self._lamps, eye)
-        return self._tables[shape, right]
 
     def warm_up(self, image: Image) -> None:
         """Compile what is not compiled yet, for colour images of a type."""
@@ -151,6 +141,7 @@ class LampEnhancement:
         # One channel restored beside others that are not would be a cast of its colour.
         if light is None or view.colour is None or not np.isfinite(light.attenuation).all():
             return view.pixels.copy(), np.zeros(view.shape, np.bool_)
-        field = self.tables(view.shape, right).field(
+        tables = tabulate(self._rays[right], view.shape, self._lamps, self._eyes[right])
+        field = tables.field(
             light.attenuation, light.power, light.scattering, light.daylight, light.veil)
         return self._restorer.restore(view.pixels, range_map, field, view.noise)

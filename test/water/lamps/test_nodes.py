@@ -12,7 +12,7 @@ from lamp_scene import LAMPS, RIG, SIZE, parameters, rays
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.view import View
-from uw_visibility.optics.lamps import nodes_of, tabulate
+from uw_visibility.optics.lamps import tabulate
 from uw_visibility.water.blocks import reduce_to_blocks
 from uw_visibility.water.lamps.nodes import USELESS, Nodes, details_of, reduce_to_nodes
 
@@ -51,9 +51,8 @@ def test_details_of_any_nodes_have_the_variance_of_white_noise(places: list) -> 
 
 
 def reduced(light: np.ndarray, distance: np.ndarray) -> Nodes:
-    columns, rows = nodes_of(SIZE)
-    lamps = list(PipelineConfig.from_parameters(parameters(LAMPS)).lighting.lamps())
-    tables = tabulate(RIG.rays_at(columns, rows), columns, rows, lamps)
+    lamps = tuple(PipelineConfig.from_parameters(parameters(LAMPS)).lighting.lamps())
+    tables = tabulate(RIG.rays_at, SIZE, lamps)
     view = View.of(light)
     assert view.colour is not None
     blocks = reduce_to_blocks(view.colour, distance.astype(np.float32), None)

@@ -16,7 +16,7 @@ from uw_visibility.config.lighting import LightingConfig
 from uw_visibility.config.schema import WaterConfig
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.images.view import View
-from uw_visibility.optics.lamps import LampTables, at_attenuation, nodes_of, tabulate
+from uw_visibility.optics.lamps import LampTables, at_attenuation, tabulate
 from uw_visibility.status import Status
 from uw_visibility.water.blocks import Blocks, reduce_to_blocks
 from uw_visibility.water.daylight.validation import (
@@ -149,7 +149,7 @@ class NodeEstimator:
 
 
 class LampEstimator(NodeEstimator):
-    """Estimator of the water's state under lamps; tables are made once for a size of image.
+    """Estimator of the water's state under lamps.
 
     `rays` gives unit directions, (Y, X, 3), through a grid of columns and rows, px.
     """
@@ -161,21 +161,10 @@ class LampEstimator(NodeEstimator):
         super().__init__(lighting, clear_water_attenuation)
         self._config = config
         self._rays = rays
-        self._prepared: dict[tuple[int, int], tuple[Array, LampTables]] = {}
 
     def tables(self, shape: tuple[int, int]) -> LampTables:
         """Tables for images of a height and width, px."""
-        return self._prepare(shape)[1]
-
-    def _prepare(self, shape: tuple[int, int]) -> tuple[Array, LampTables]:
-        """Directions of the tables' lines of sight, and the tables, for a size of image."""
-        if shape not in self._prepared:
-            columns, rows = nodes_of(shape)
-            rays = self._rays(columns, rows)
-            tables = tabulate(rays, columns, rows, list(self._lighting.lamps()))
-            # Of one size at a time, as buffers are.
-            self._prepared = {shape: (rays, tables)}
-        return self._prepared[shape]
+        return tabulate(self._rays, shape, tuple(self._lighting.lamps()))
 
     def estimate_view(
         self, view: View, range_map: NDArray[np.floating], *, range_error: float = 0.0
@@ -192,10 +181,9 @@ class LampEstimator(NodeEstimator):
         reason = _refuse(blocks, view)
         if reason is not Status.OK:
             return WaterEstimate.not_assessable(reason)
-        rays, tables = self._prepare(view.shape)
         rows, columns = (
             np.asarray((np.arange(size) + 0.5) * blocks.side - 0.5) for size in blocks.range.shape)
-        nodes = reduce_to_nodes(blocks, self._rays(columns, rows), tables)
+        nodes = reduce_to_nodes(blocks, self._rays(columns, rows), self.tables(view.shape))
         if len(nodes.range) < FEWEST_NODES:
             return WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
         refused = [
@@ -208,7 +196,9 @@ class LampEstimator(NodeEstimator):
             refused = [Status.RANGE_SPREAD_TOO_SMALL] * 3
         water = self.estimate_nodes([nodes], refused)
         assert water.lamps is not None
-        ground = GroundView.of(view, full, rays)
+        last_row, last_column = (n - 1 for n in view.shape)
+        corners = self._rays(np.array([0, last_column]), np.array([0, last_row]))
+        ground = GroundView.of(view, full, corners)
         return replace(water, lamps=replace(water.lamps, ground=ground))
 
 
