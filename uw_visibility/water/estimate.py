@@ -203,17 +203,3 @@ def blank(covariance: Array, known: Mask) -> Array:
     """Copy of a (6, 6) covariance with NaN for unknown channels, (3,), or parameters, (6,)."""
     both = np.repeat(known, 6 // len(known))
     return np.where(np.outer(both, both), covariance, np.nan)
-
-
-def assemble(
-    parameters: Array, covariance: Array, envelope: Envelopes, status: list[Status]
-) -> WaterEstimate:
-    """Return an estimate of β and I∞, (3, 2), with their covariance, (6, 6).
-
-    NaN for the channels that are refused.
-    """
-    refused = np.array([reason is not Status.OK for reason in status])
-    shown = np.where(refused[:, np.newaxis], np.nan, parameters)
-    return WaterEstimate(
-        **of_channels(status, shown[:, 0], shown[:, 1], blank(covariance, ~refused)),
-        iterations=1, bins=len(envelope.range), envelope=envelope)

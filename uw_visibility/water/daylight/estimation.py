@@ -20,6 +20,7 @@ from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.images.pair import check_valid
 from uw_visibility.images.view import ColourSamples, View
 from uw_visibility.optics.light_model import contrast_gain, radiance_of
+from uw_visibility.optics.transfer import from_linear
 from uw_visibility.status import Status
 from uw_visibility.water.blocks import (
     BLOCKS_KEPT,
@@ -50,7 +51,8 @@ from uw_visibility.water.daylight.validation import (
 from uw_visibility.water.estimate import (
     ONE_SIGMA,
     WaterEstimate,
-    assemble,
+    blank,
+    of_channels,
     overall_status,
     refuse,
 )
@@ -214,7 +216,12 @@ class WaterEstimator:
         shown = np.where(
             [reason is Status.OK for reason in status], parameters[:, 0], np.nan)
         clearer = refute_clearness(shown, covariance[0::2, 0::2], self._clear_water)
-        return assemble(parameters, covariance, envelope, refuse(status, clearer))
+        status = refuse(status, clearer)
+        known = np.array([reason is Status.OK for reason in status])
+        shown = np.where(known[:, np.newaxis], parameters, np.nan)
+        return WaterEstimate(
+            **of_channels(status, shown[:, 0], shown[:, 1], blank(covariance, known)),
+            iterations=1, bins=len(envelope.range), envelope=envelope)
 
     def estimate_grey_view(
         self, view: View, range_map: NDArray[np.floating], *, range_error: float
@@ -301,5 +308,4 @@ def _codes(image: NDArray[Any], transfer: str) -> tuple[NDArray[Any], str]:
     """Return contiguous code values and their transfer; irradiance becomes 16-bit codes."""
     if image.dtype != np.float32:
         return np.ascontiguousarray(image), transfer
-    light = np.nan_to_num(np.clip(image, 0.0, 1.0), nan=0.0)
-    return (light * 65535 + 0.5).astype(np.uint16), "linear"
+    return from_linear(image, "linear", np.uint16), "linear"

@@ -35,16 +35,15 @@ class LampSurvey:
     def __init__(self, config: SurveyConfig, estimator: NodeEstimator) -> None:
         self._estimator = estimator
         self._frames: FrameWindow[Nodes] = FrameWindow(config)
-        self._tracker = PointTracker(apart=WIDE)
         self._sightings: FrameWindow[Sightings] = FrameWindow(config)
-        self._last: tuple[float, SurveyEstimate] | None = None
+        self.reset()
 
     def reset(self) -> None:
         """Forget all frames."""
         self._frames.clear()
         self._tracker = PointTracker(apart=WIDE)
         self._sightings.clear()
-        self._last = None
+        self._last: tuple[float, SurveyEstimate] | None = None
 
     def add(self, water: WaterEstimate, stamp_seconds: float) -> None:
         """Add a frame's cells, if any; a stamp (s) not later than the last one begins anew."""
