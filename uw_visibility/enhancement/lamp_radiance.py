@@ -26,8 +26,8 @@ from uw_visibility.optics.transfer import encode_table, linear_table
 _LEAST_GAIN = math.exp(0.5)
 # Logarithm of the least gain: of white four times as bright as the largest pixel value.
 _LOWEST = -math.log(4.0)
-# Steps of range, of equal length.
-_PLACES = 8192
+# Nodes of range for a unit of its logarithm.
+_NODES = 1.0 / math.log(RANGES[1] / RANGES[0])
 
 
 class LampRestorer:
@@ -75,33 +75,26 @@ class LampRestorer:
         limited = np.empty(range_map.shape, np.bool_)
         self._workers.rows(
             _restore, planes.shape[0], planes, range_map, decode,
-            encode_table(self._transfer, image.dtype), light, grid, _places(),
+            encode_table(self._transfer, image.dtype), light, grid,
             limits.astype(np.float32), known, find_grain(planes, noise, decode), enhanced, limited)
         return enhanced.reshape(image.shape), limited
-
-
-def _places() -> NDArray[np.float32]:
-    """Node of range, with its fraction, of each step of range up to the last one."""
-    middle = (np.arange(_PLACES) + 0.5) * RANGES[-1] / _PLACES
-    node = np.log(middle / RANGES[0]) / math.log(RANGES[1] / RANGES[0])
-    return np.asarray(np.clip(node, 0.0, len(RANGES) - 1.001), np.float32)
 
 
 @njit(nogil=True, error_model="numpy")
 def _restore(
     start: int, stop: int, image: Any, distance: Any, decode: Any, encode: Any, light: Any,
-    grid: Any, place_of: Any, limits: Any, known: Any, grain: Any, enhanced: Any, limited: Any,
+    grid: Any, limits: Any, known: Any, grain: Any, enhanced: Any, limited: Any,
 ) -> None:
     """Restore a band of rows, plane by plane, which makes vector code.
 
-    `light` is (Y, 3, X, R, 2), `place_of` the node of each step of range. `grain` (3, H, W) is
-    handed on as it is.
+    `light` is (Y, 3, X, R, 2); `grain` (3, H, W) is handed on as it is.
     """
     width = image.shape[1]
     last_row, last_column = light.shape[0] - 1, light.shape[2] - 1
     zero, half, one = np.float32(0), np.float32(0.5), np.float32(1)
     lowest, logs = np.float32(_LOWEST), np.log(limits)
-    per_metre = np.float32(place_of.size / RANGES[-1])
+    nearest, farthest = np.float32(RANGES[0]), np.float32(RANGES[-1])
+    last_node = np.float32(light.shape[3] - 1.001)
     top = np.float32(encode.size - 1)
     here = np.empty(light.shape[1:], np.float32)
     column = np.empty(width, np.int32)
@@ -121,10 +114,11 @@ def _restore(
         share = np.float32(place - j)
         here[:] = (one - share) * light[j] + share * light[j + 1]
         for x in range(width):
-            at = distance[y, x] * per_metre
+            at = distance[y, x]
             # Written so that NaN fails it.
-            inside = at >= zero and at < np.float32(place_of.size)
-            place = place_of[index_of(at, 0, place_of.size - 1) if inside else place_of.size - 1]
+            inside = at >= zero and at < farthest
+            at = max(at, nearest) if inside else farthest
+            place = min(np.log(at / nearest) * np.float32(_NODES), last_node)
             node[x] = index_of(place, 0, light.shape[3] - 2)
             along[x] = place - np.float32(node[x])
             limited[y, x] = not inside
