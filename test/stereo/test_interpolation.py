@@ -11,8 +11,7 @@ from hypothesis.extra import numpy as hnp
 from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
 from uw_visibility.stereo import interpolation
-from uw_visibility.stereo.interpolation import inpaint
-from uw_visibility.stereo.plane import dominant_plane, fill_plane
+from uw_visibility.stereo.interpolation import dominant_plane, fill_plane, inpaint
 
 SHAPE = (40, 60)
 NEAR, FAR = 20.0, 8.0

@@ -25,8 +25,8 @@ from uw_visibility.pipeline.result import StageClock
 from uw_visibility.status import Status
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS, SupportPoints
+from uw_visibility.stereo.interpolation import fill_plane
 from uw_visibility.stereo.matchers import MATCHER, MATCHERS, disparity_limits
-from uw_visibility.stereo.plane import fill_plane
 from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.stereo.radiometry import right_gain
 from uw_visibility.stereo.rig import StereoRig

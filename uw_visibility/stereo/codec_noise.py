@@ -16,7 +16,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Image, Points
-from uw_visibility.images.blocking import JPEG_BLOCKINESS, blocking
 from uw_visibility.images.view import StereoViews, code_value
 
 # Half the side of the squares that are compared, px, and the most of them.
@@ -34,6 +33,16 @@ _LEAST = 0.45
 _OF_BRIGHTNESS = {1: 1.0, 3: 1.5}
 # Variance of the sum of four neighbours less four times the pixel between, for a variance of 1.
 _VARIANCE = 20.0
+
+# Side of the blocks, and rows that are looked at for them.
+_BLOCK, _ROWS = 8, 128
+# Differences beyond so many 8-bit code values are edges of things, not of blocks.
+_EDGE = 20.0
+# Sum of differences that is needed, in 8-bit code values: blank images show no blocks.
+_LEAST_DIFFERENCES = 200.0
+
+JPEG_BLOCKINESS = 1.08
+"""Blockiness from which on pixels went through a JPEG: without one it is 1.02 at most."""
 
 
 def with_codec_noise(views: StereoViews, points: Points) -> StereoViews:
@@ -89,3 +98,26 @@ def _second_difference(
     p = (grey[:, ::2, ::2] + grey[:, 1::2, ::2] + grey[:, ::2, 1::2] + grey[:, 1::2, 1::2]) / 4
     return np.asarray(
         4 * p[:, 1:-1, 1:-1] - p[:, :-2, 1:-1] - p[:, 2:, 1:-1] - p[:, 1:-1, :-2] - p[:, 1:-1, 2:])
+
+
+def blocking(image: Image) -> float:
+    """Blockiness: third differences across the edges of JPEG's blocks over the largest within.
+
+    About 1 without blocks; 1.1 and more after a JPEG of quality 90. Blocks begin at the image's
+    first column: one that was resized or rectified since shows none.
+    """
+    height, width = image.shape[:2]
+    if width < 4 * _BLOCK:
+        return 1.0
+    plane = image if image.ndim == 2 else image[..., 1]
+    rows = plane[:: max(1, -(-height // _ROWS))].astype(np.float32)
+    rows *= np.float32(255.0 / np.iinfo(image.dtype).max)
+    # How far the step from a pixel to the next departs from those beside it, summed over rows.
+    step = np.diff(rows, axis=1)
+    away = np.abs(np.float32(2) * step[:, 1:-1] - step[:, :-2] - step[:, 2:])
+    course = np.minimum(away, np.float32(_EDGE)).sum(axis=0)
+    if course.sum() < _LEAST_DIFFERENCES:
+        return 1.0
+    means = np.array([course[(at - 2) % _BLOCK :: _BLOCK].mean() for at in range(_BLOCK)])
+    # The largest of the others: mosaics and resized images repeat every two or four pixels.
+    return float(means[0] / max(means[1:].max(), 1e-9))

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from uw_visibility.images.blocking import blocking
+from uw_visibility.stereo.codec_noise import blocking
 
 
 def scene(seed, size=(240, 320)):
