@@ -137,7 +137,7 @@ def test_same_bits_every_time_and_for_any_number_of_threads(scene: Scene) -> Non
 def test_a_flat_floor_from_above_has_one_depth() -> None:
     above = Pose((0.0, 0.0, 1.2), tilt=math.pi / 2)
     frame = RENDERER.render(flat_floor(), above, WATER)
-    np.testing.assert_allclose(frame.disparity_left, 150.0 * 0.12 / 1.2, rtol=1e-5)
+    np.testing.assert_allclose(frame.disparity_left, 150.0 * 0.12 / 1.2, rtol=1e-4)
     assert frame.left.std() > 5.0
 
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from uw_visibility.errors import InputError
+from uw_visibility_lab.simulation.raycast import meet_ground
 from uw_visibility_lab.simulation.shapes import NOWHERE
 from uw_visibility_lab.worlds.geometry import (
     LEVELS,
     TEXTURE,
-    meet_ground,
     nearest_shape,
     picture_levels,
 )

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Ray casting: intersections of rays with the scene, and radiance there.
+"""Ray casting: intersections of rays with a ground or a scene, and radiance there.
 
 Surfaces have contrast at all scales, and mild shading.
 """
@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility_lab.simulation.noise import fractal_noise, smoothstep, value_noise
-from uw_visibility_lab.simulation.scene import BLOCK, SPACING, Scene
-from uw_visibility_lab.simulation.shapes import meet_shape, shape_normal
+from uw_visibility_lab.simulation.scene import SPACING, Scene
+from uw_visibility_lab.simulation.shapes import NOWHERE, meet_shape, shape_normal
+
+_REFINE = 8
 
 NOTHING = -2
 FLOOR = -1
@@ -27,80 +28,75 @@ Colour = tuple[float, float, float]
 
 
 @njit(nogil=True, error_model="numpy")
-def bilinear(grid: Any, column: float, row: float) -> float:
-    """Interpolate a grid; beyond its edge the edge goes on."""
-    column = min(max(column, 0.0), grid.shape[1] - 1.001)
-    row = min(max(row, 0.0), grid.shape[0] - 1.001)
-    i = index_of(column, 0, grid.shape[1] - 2)
-    j = index_of(row, 0, grid.shape[0] - 2)
-    u, v = column - i, row - j
-    top = grid[j, i] + u * (grid[j, i + 1] - grid[j, i])
-    bottom = grid[j + 1, i] + u * (grid[j + 1, i + 1] - grid[j + 1, i])
-    return top + v * (bottom - top)
+def relief_height(relief: Any, size: float, slope: float, x: float, y: float) -> float:
+    """Height of the ground: a periodic grid of square cells, on a plane that rises with y.
+
+    size: extent of the grid's rows in y, in the unit of x and y.
+    """
+    rows, columns = relief.shape
+    u, v = x / size * rows, y / size * rows
+    i, j = math.floor(u), math.floor(v)
+    fu, fv = u - i, v - j
+    # Quicker than a remainder of integers.
+    i0, j0 = int(i - columns * math.floor(i / columns)), int(j - rows * math.floor(j / rows))
+    i1, j1 = i0 + 1 if i0 + 1 < columns else 0, j0 + 1 if j0 + 1 < rows else 0
+    near = relief[j0, i0] + fu * (relief[j0, i1] - relief[j0, i0])
+    far = relief[j1, i0] + fu * (relief[j1, i1] - relief[j1, i0])
+    return near + fv * (far - near) + slope * y
+
+
+@njit(nogil=True, error_model="numpy")
+def meet_ground(
+    relief: Any, size: float, slope: float, steep: float, ox: float, oy: float, oz: float,
+    dx: float, dy: float, dz: float, start: float, most: float,
+) -> float:
+    """Range at which a ray meets the ground, or `NOWHERE`; `steep` scales the steps.
+
+    It is too long by a 256th of 0.6 cells, or of 0.4 % of the range, at most.
+    """
+    t = start
+    before = t
+    above = oz + t * dz - relief_height(relief, size, slope, ox + t * dx, oy + t * dy)
+    if above < 0.0:
+        return t
+    cell = size / relief.shape[0]
+    while t < most:
+        before = t
+        t += max(above * steep, 0.6 * cell, 0.004 * t)
+        above = oz + t * dz - relief_height(relief, size, slope, ox + t * dx, oy + t * dy)
+        if above < 0.0:
+            for _ in range(_REFINE):
+                middle = 0.5 * (before + t)
+                if oz + middle * dz < relief_height(
+                    relief, size, slope, ox + middle * dx, oy + middle * dy
+                ):
+                    t = middle
+                else:
+                    before = middle
+            return t
+    return NOWHERE
+
+
+@njit(nogil=True, error_model="numpy")
+def on_floor(scene: Scene, grid: Any, x: float, y: float) -> float:
+    """Value of one of the sea floor's grids at a point."""
+    size = len(grid) * SPACING
+    return relief_height(grid, size, 0.0, x - scene.origin[0], y - scene.origin[1])
 
 
 @njit(nogil=True, error_model="numpy")
 def floor_distance(scene: Scene, eye: Any, dx: float, dy: float, dz: float, limit: float) -> float:
-    """March along a ray to the sea floor; inf where it is not met within ``limit``."""
-    heights = scene.heights
-    x0, y0 = (eye[0] - scene.origin[0]) / SPACING, (eye[1] - scene.origin[1]) / SPACING
-    ux, uy = dx / SPACING, dy / SPACING
-    across = math.hypot(dx, dy)
-    t = before = 0.0
+    """Distance along a ray to the sea floor; `NOWHERE` where it is not met within ``limit``."""
+    start = 0.0
     if eye[2] > scene.highest:
         if dz >= 0.0:
-            return math.inf
-        t = before = (scene.highest - eye[2]) / dz
-    gap = gap_before = 1.0
-    while t < limit:
-        column, row, z = x0 + t * ux, y0 + t * uy, eye[2] + t * dz
-        block, leave = _block(heights, column, row, ux, uy)
-        if z + min(leave * dz, 0.0) > scene.block_highest[block]:
-            before, gap_before = t, z - scene.block_highest[block]
-            t += leave + 1e-6
-            continue
-        gap = z - bilinear(heights, column, row)
-        if gap < 0.0:
-            break
-        before, gap_before = t, gap
-        # Within the block the gap closes no faster than this.
-        closing = max(scene.block_steepest[block] * across - dz, 1e-3)
-        t += min(max(gap / closing, 5e-4 * t + 1e-4), leave + 1e-6)
-    if t >= limit:
-        return math.inf
-    gap_after = gap
-    for _ in range(30):
-        # False position, kept from creeping along one end.
-        share = min(max(gap_before / (gap_before - gap_after), 0.05), 0.95)
-        middle = before + share * (t - before)
-        gap = eye[2] + middle * dz - bilinear(heights, x0 + middle * ux, y0 + middle * uy)
-        if gap < 0.0:
-            t, gap_after = middle, gap
-        else:
-            before, gap_before = middle, gap
-        if t - before < 1e-7 or abs(gap) < 1e-8:
-            return middle
-    return 0.5 * (before + t)
-
-
-@njit(nogil=True, error_model="numpy")
-def _block(
-    heights: Any, column: float, row: float, ux: float, uy: float
-) -> tuple[tuple[int, int], float]:
-    """Return the block of the floor below a point, and how far the ray stays above it."""
-    i = index_of(column, 0, heights.shape[1] - 2) // BLOCK
-    j = index_of(row, 0, heights.shape[0] - 2) // BLOCK
-    leave = math.inf
-    # Beyond the floor's edge the outermost block goes on.
-    if ux > 0.0 and i < (heights.shape[1] - 2) // BLOCK:
-        leave = min(leave, ((i + 1) * BLOCK - column) / ux)
-    elif ux < 0.0 and i > 0:
-        leave = min(leave, (i * BLOCK - column) / ux)
-    if uy > 0.0 and j < (heights.shape[0] - 2) // BLOCK:
-        leave = min(leave, ((j + 1) * BLOCK - row) / uy)
-    elif uy < 0.0 and j > 0:
-        leave = min(leave, (j * BLOCK - row) / uy)
-    return (j, i), max(leave, 0.0)
+            return NOWHERE
+        start = (scene.highest - eye[2]) / dz
+    # Hardly anywhere does the gap close faster than this.
+    closing = max(scene.steep * math.hypot(dx, dy) - dz, 1e-3)
+    return meet_ground(
+        scene.heights, len(scene.heights) * SPACING, 0.0, 1.0 / closing,
+        eye[0] - scene.origin[0], eye[1] - scene.origin[1], eye[2], dx, dy, dz, start, limit)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -108,8 +104,10 @@ def nearest(
     scene: Scene, candidates: Any, eye: Any, dx: float, dy: float, dz: float, limit: float
 ) -> tuple[float, int]:
     """Nearest intersection of a ray: its distance, and the shape."""
-    best = floor_distance(scene, eye, dx, dy, dz, limit)
-    hit = FLOOR if best < math.inf else NOTHING
+    best, hit = math.inf, NOTHING
+    t = floor_distance(scene, eye, dx, dy, dz, limit)
+    if t < limit:
+        best, hit = t, FLOOR
     for index in candidates:
         t = meet_shape(scene.shapes[index], eye[0], eye[1], eye[2], dx, dy, dz)
         if t < best and t < limit:
@@ -128,16 +126,15 @@ def look_at(
     footprint: width of a pixel there in m.
     seen: takes the radiance and, where there is room, reflectance and unit normal.
     """
-    column, row = (px - scene.origin[0]) / SPACING, (py - scene.origin[1]) / SPACING
-    above = pz - bilinear(scene.heights, column, row)
     nx, ny, nz = surface_normal(scene, hit, px, py, pz)
     # A slanted surface widens the footprint; half of that is left to supersampling.
     slant = max(abs(nx * view[0] + ny * view[1] + nz * view[2]), 0.05)
     footprint /= math.sqrt(slant)
     light = shading(nx, ny, nz)
     if hit == FLOOR:
-        light *= bilinear(scene.openness, column, row)
+        light *= on_floor(scene, scene.openness, px, py)
     else:
+        above = pz - on_floor(scene, scene.heights, px, py)
         light *= 0.22 + 0.78 * smoothstep(-0.03, 0.22, above)
     if scene.texture == 0.0:
         light = 1.0
@@ -159,11 +156,10 @@ def surface_normal(
     """Return the outward unit normal at a point of the floor or of a shape."""
     if hit != FLOOR:
         return shape_normal(scene.shapes[hit], px, py, pz)
-    heights = scene.heights
-    column, row = (px - scene.origin[0]) / SPACING, (py - scene.origin[1]) / SPACING
-    nx = bilinear(heights, column - 0.7, row) - bilinear(heights, column + 0.7, row)
-    ny = bilinear(heights, column, row - 0.7) - bilinear(heights, column, row + 0.7)
-    nz = 1.4 * SPACING
+    grid, step = scene.heights, 0.7 * SPACING
+    nx = on_floor(scene, grid, px - step, py) - on_floor(scene, grid, px + step, py)
+    ny = on_floor(scene, grid, px, py - step) - on_floor(scene, grid, px, py + step)
+    nz = 2.0 * step
     length = math.sqrt(nx * nx + ny * ny + nz * nz)
     return nx / length, ny / length, nz / length
 

@@ -30,9 +30,6 @@ from uw_visibility_lab.simulation.shapes import (
 SPACING = 0.04
 """Distance of the height field's samples in m."""
 
-BLOCK = 16
-"""Samples of the height field on a block's side."""
-
 
 class Scene(NamedTuple):
     """Scene: everything that a ray can meet, in the form that kernels take."""
@@ -43,10 +40,7 @@ class Scene(NamedTuple):
     openness: NDArray[np.float32]
     origin: tuple[float, float]  # x and y of the first sample in m
     highest: float  # height in m above which there is no floor
-    # block_highest, block_steepest: (by, bx); largest height in m and largest slope in each block
-    # of 16 x 16 samples
-    block_highest: NDArray[np.float32]
-    block_steepest: NDArray[np.float32]
+    steep: float  # slope that few places of the floor exceed
     shapes: Array  # (n, SHAPE_COLUMNS); ellipsoids and capsules, m
     # (n, 8); light colour, dark colour (linear RGB reflectance), texture's cell size in m and
     # width of its dark grooves
@@ -248,38 +242,17 @@ def _finish(
     origin: tuple[float, float],
     texture: float = 1.0,
 ) -> Scene:
-    block_highest, block_steepest = _blocks(heights)
     return Scene(
         lattice=lattice,
         heights=heights,
         openness=_openness(heights, origin, builder.shadows),
         origin=origin,
         highest=float(heights.max()),
-        block_highest=block_highest,
-        block_steepest=block_steepest,
+        steep=float(np.quantile(np.hypot(*np.gradient(heights, SPACING)), 0.98)),
         shapes=np.array(builder.shapes).reshape(-1, SHAPE_COLUMNS),
         appearance=np.array(builder.looks).reshape(-1, 8),
         texture=texture,
     )
-
-
-@njit(nogil=True, error_model="numpy")
-def _blocks(heights: Any) -> tuple[Any, Any]:
-    """Bound the floor's height and slope by blocks; neighbours share their edge."""
-    rows, columns = heights.shape[0] // BLOCK + 1, heights.shape[1] // BLOCK + 1
-    highest = np.full((rows, columns), -np.inf, np.float32)
-    steepest = np.zeros((rows, columns), np.float32)
-    for j in range(heights.shape[0] - 1):
-        for i in range(heights.shape[1] - 1):
-            a, b = heights[j, i], heights[j, i + 1]
-            c, d = heights[j + 1, i], heights[j + 1, i + 1]
-            slope_x = max(abs(b - a), abs(d - c))
-            slope_y = max(abs(c - a), abs(d - b))
-            slope = math.hypot(slope_x, slope_y) / SPACING
-            v, u = j // BLOCK, i // BLOCK
-            highest[v, u] = max(highest[v, u], a, b, c, d)
-            steepest[v, u] = max(steepest[v, u], slope)
-    return highest, steepest
 
 
 def _openness(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility_lab.simulation.noise import fractal_noise
+from uw_visibility_lab.simulation.raycast import meet_ground, relief_height
 from uw_visibility_lab.simulation.shapes import NOWHERE, meet_shape, shape_normal
 
 # A row of a material: pattern, two colours (3 each), cell and sharpness of the pattern, coarse and
@@ -29,52 +30,6 @@ LEVELS = 6
 
 FINE_CELL = 0.02
 """Cell of the fine variation of brightness, in heights of the camera: gravel, polyps."""
-
-_REFINE = 8
-
-
-@njit(nogil=True, error_model="numpy")
-def relief_height(relief: Any, size: float, slope: float, x: float, y: float) -> float:
-    """Height of the ground: a periodic grid (n, n) over `size`, on a plane that rises ahead."""
-    n = relief.shape[0]
-    u, v = x / size * n, y / size * n
-    i, j = math.floor(u), math.floor(v)
-    fu, fv = u - i, v - j
-    i0, j0 = int(i) % n, int(j) % n
-    i1, j1 = (i0 + 1) % n, (j0 + 1) % n
-    near = relief[j0, i0] + fu * (relief[j0, i1] - relief[j0, i0])
-    far = relief[j1, i0] + fu * (relief[j1, i1] - relief[j1, i0])
-    return near + fv * (far - near) + slope * y
-
-
-@njit(nogil=True, error_model="numpy")
-def meet_ground(
-    relief: Any, size: float, slope: float, steep: float, ox: float, oy: float, oz: float,
-    dx: float, dy: float, dz: float, start: float, most: float,
-) -> float:
-    """Range at which a ray meets the ground, or `NOWHERE`; `steep` scales the steps."""
-    t = start
-    before = t
-    above = oz + t * dz - relief_height(relief, size, slope, ox + t * dx, oy + t * dy)
-    if above < 0.0:
-        return t
-    cell = size / relief.shape[0]
-    while t < most:
-        before = t
-        t += max(above * steep, 0.6 * cell, 0.004 * t)
-        above = oz + t * dz - relief_height(relief, size, slope, ox + t * dx, oy + t * dy)
-        if above < 0.0:
-            for _ in range(_REFINE):
-                middle = 0.5 * (before + t)
-                if oz + middle * dz < relief_height(
-                    relief, size, slope, ox + middle * dx, oy + middle * dy
-                ):
-                    t = middle
-                else:
-                    before = middle
-            return t
-    return NOWHERE
-
 
 @njit(nogil=True, error_model="numpy")
 def sample_picture(pictures: Any, index: int, u: float, v: float, pixel: float, out: Any) -> None:

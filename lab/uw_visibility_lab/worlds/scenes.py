@@ -21,6 +21,7 @@ from uw_visibility_lab.evaluation import degrade
 from uw_visibility_lab.evaluation.degrade import fill_from_background
 from uw_visibility_lab.evaluation.parallel import run_all
 from uw_visibility_lab.simulation.noise import noise_lattice
+from uw_visibility_lab.simulation.raycast import relief_height
 from uw_visibility_lab.simulation.shapes import (
     BOX,
     CAPSULE,
@@ -38,7 +39,6 @@ from uw_visibility_lab.worlds.geometry import (
     TEXTURE,
     cast,
     picture_levels,
-    relief_height,
 )
 
 SIZE = (240, 320)
