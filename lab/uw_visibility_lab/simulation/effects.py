@@ -10,19 +10,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uw_visibility.compute.jit import njit
-from uw_visibility.images.arrays import Map
+from uw_visibility.images.arrays import Array, Map
 from uw_visibility_lab.simulation.camera import StereoCamera
 from uw_visibility_lab.simulation.noise import value_noise
 
 
-class Particle(NamedTuple):
-    """A particle that drifts before the cameras."""
+class Snow(NamedTuple):
+    """Particles that drift before the cameras."""
 
-    depth: float  # distance along the optical axis in m
-    column: float  # column, row: where it is in the left image, px; the column may lie beyond it
-    row: float
-    sigma: float  # standard deviation of its image, px
-    opacity: float  # share of the light behind its middle that it hides
+    places: Array  # (n, 3); in the left camera's optical frame, m
+    sigma: Array  # (n,); standard deviation of their images, px
+    opacity: Array  # (n,); share of the light behind their middles that they hide
 
 
 @njit(nogil=True, error_model="numpy")
@@ -45,51 +43,47 @@ def add_caustics(radiance: Any, points: Any, lattice: Any, amplitude: float, tim
             radiance[k, channel] *= gain
 
 
-def marine_snow(
-    camera: StereoCamera, fraction: float, random: np.random.Generator
-) -> tuple[Map, Map]:
-    """Marine snow: opacity (0 .. 1) of drifting particles in the left and the right image.
-
-    A particle has the disparity of its distance; they cover a fraction of the pixels of each.
-    """
-    left = np.zeros((camera.height, camera.width), np.float32)
-    right = np.zeros_like(left)
-    for particle in drifting_particles(camera, fraction, random):
-        disparity = camera.focal_length * camera.baseline / particle.depth
-        for image, column in ((left, particle.column), (right, particle.column - disparity)):
-            blot(image, column, particle.row, particle.sigma, particle.opacity)
-    return left, right
-
-
-def drifting_particles(
-    camera: StereoCamera, fraction: float, random: np.random.Generator
-) -> list[Particle]:
-    """Draw the particles of `marine_snow`, which takes the same arguments."""
-    particles = []
+def drift(camera: StereoCamera, fraction: float, random: np.random.Generator) -> Snow:
+    """Draw the particles of marine snow, which cover a fraction of the pixels of each image."""
+    rows = []
     wanted = fraction * camera.width * camera.height
     covered = 0.0
+    centre = np.array(camera.principal_point)
     while covered < wanted:
         depth = 0.4 * math.exp(random.uniform(0.0, 2.0))
         disparity = camera.focal_length * camera.baseline / depth
+        # Beyond the left image's right edge there is what the right one sees.
         column = random.uniform(0.0, camera.width + disparity)
         row = random.uniform(0.0, camera.height)
         # Near particles are larger, and out of focus.
         sigma = 0.5 + random.exponential(0.5) / depth
-        particles.append(Particle(depth, column, row, sigma, random.uniform(0.3, 0.9)))
+        place = (np.array([column, row]) - centre) / camera.focal_length * depth
+        rows.append([*place, depth, sigma, random.uniform(0.3, 0.9)])
         covered += math.pi * (1.5 * sigma) ** 2
-    return particles
+    found = np.array(rows).reshape(-1, 5)
+    return Snow(found[:, :3], found[:, 3], found[:, 4])
 
 
-def blot(
-    opacity: Map, column: float, row: float, sigma: float, strength: float
-) -> tuple[slice, slice]:
-    """Draw a particle's opacity into an image, and return the window that it lies in."""
-    reach = math.ceil(3.0 * sigma)
-    rows = slice(max(int(row) - reach, 0), max(int(row) + reach + 1, 0))
-    columns = slice(max(int(column) - reach, 0), max(int(column) + reach + 1, 0))
-    window = opacity[rows, columns]
-    y = np.arange(rows.start, rows.start + window.shape[0]) - row
-    x = np.arange(columns.start, columns.start + window.shape[1]) - column
-    squared = (x[np.newaxis] ** 2 + y[:, np.newaxis] ** 2) / (2.0 * sigma**2)
-    np.maximum(window, strength * np.exp(-squared).astype(np.float32), out=window)
-    return rows, columns
+def add_snow(
+    irradiance: Map, ranges: Map, camera: StereoCamera, snow: Snow, points: Array, colours: Array
+) -> None:
+    """Marine snow: draw particles into an image, in place, but for those behind a surface.
+
+    ranges: (H, W), m. points: (n, 3), the particles' places in the image's own optical frame, m.
+    colours: (n, 3), irradiance of each where it hides all.
+    """
+    last = (camera.width - 1, camera.height - 1)
+    pixels = points[:, :2] / points[:, 2:] * camera.focal_length + camera.principal_point
+    inside = np.clip(np.rint(pixels), 0, last).astype(int)
+    hidden = np.linalg.norm(points, axis=1) > ranges[inside[:, 1], inside[:, 0]]
+    for k in np.flatnonzero(~hidden):
+        column, row = pixels[k]
+        reach = math.ceil(3.0 * snow.sigma[k])
+        rows = slice(max(int(row) - reach, 0), max(int(row) + reach + 1, 0))
+        columns = slice(max(int(column) - reach, 0), max(int(column) + reach + 1, 0))
+        window = irradiance[rows, columns]
+        y = np.arange(rows.start, rows.start + window.shape[0]) - row
+        x = np.arange(columns.start, columns.start + window.shape[1]) - column
+        squared = (x[np.newaxis] ** 2 + y[:, np.newaxis] ** 2) / (2.0 * snow.sigma[k] ** 2)
+        opacity = (snow.opacity[k] * np.exp(-squared)).astype(np.float32)[..., np.newaxis]
+        window += opacity * (colours[k].astype(np.float32) - window)

@@ -14,14 +14,15 @@ from uw_visibility.errors import check_range
 from uw_visibility.images.arrays import Array, Image8, Map
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility_lab.simulation.camera import CameraEffects, Pose, Sensor, StereoCamera
-from uw_visibility_lab.simulation.effects import add_caustics, drifting_particles, marine_snow
+from uw_visibility_lab.simulation.effects import add_caustics, add_snow, drift
 from uw_visibility_lab.simulation.formation import Geometry, effective_attenuation, form_image
 from uw_visibility_lab.simulation.lamp_light import (
     CameraView,
-    add_lit_snow,
     check_water,
     exposure_for,
     form_lamp_image,
+    irradiance_on,
+    lamp_array,
 )
 from uw_visibility_lab.simulation.lamps import Lamp, Lighting
 from uw_visibility_lab.simulation.scene import Scene
@@ -129,14 +130,8 @@ class Renderer:
         self, views: Sequence[View], geometry: Geometry, water: Water, seed: int
     ) -> list[Map]:
         """Return the irradiance of the left view, or of both, with marine snow in it."""
-        snow = marine_snow(
-            self.camera, self.effects.marine_snow, np.random.default_rng([seed, 2]))
-        particles = (self.effects.snow_brightness * water.ambient_light()).astype(np.float32)
-        light = []
-        for view, cover in zip(views, snow, strict=False):
-            irradiance = form_image(view, geometry, water)
-            irradiance += cover[..., np.newaxis] * (particles - irradiance)
-            light.append(irradiance)
+        light = [form_image(view, geometry, water) for view in views]
+        self._add_snow(light, views, water.ambient_light(), (), water, seed)
         return light
 
     def record(self, light: Sequence[Map], seed: int) -> tuple[list[Image8], Array]:
@@ -170,7 +165,7 @@ class Renderer:
         view = look(
             scene, camera, eye, rotation, self.workers, surfaces=bool(self.lighting.lamps))
         geometry = Geometry.of_rays(rays, rotation[2], pose.position[2])
-        return CameraView(view, geometry, rays, eye, rotation, offset, camera.focal_length)
+        return CameraView(view, geometry, rays, eye, rotation, offset)
 
     def _shine(self, seen: CameraView, scene: Scene, time: float) -> None:
         view, rays = seen.view, seen.rays @ seen.rotation.T
@@ -189,16 +184,26 @@ class Renderer:
         source = replace(water, exposure=1.0)
         light = [self._lamp_light(each, source, lamps) for each in seen]
         exposure = exposure_for(light[0], EXPOSED) if water.exposure is None else water.exposure
-        particles = drifting_particles(
-            self.camera, self.effects.marine_snow, np.random.default_rng([seed, 2]))
         background = float(self.lighting.daylight) * source.ambient_light()
-        for each, irradiance in zip(seen, light, strict=True):
-            add_lit_snow(
-                irradiance, each, particles, background, self.effects.snow_brightness, lamps,
-                source.attenuation(),
-            )
-            irradiance *= np.float32(exposure)
-        return light, exposure
+        self._add_snow(light, [each.view for each in seen], background, lamps, source, seed)
+        return [irradiance * np.float32(exposure) for irradiance in light], exposure
+
+    def _add_snow(
+        self, light: Sequence[Map], views: Sequence[View], background: Array,
+        lamps: tuple[Lamp, ...], water: Water, seed: int,
+    ) -> None:
+        """Draw white particles into images, in daylight of a background (RGB) and by lamps."""
+        if self.effects.marine_snow == 0.0:
+            return
+        snow = drift(self.camera, self.effects.marine_snow, np.random.default_rng([seed, 2]))
+        for side, (irradiance, view) in enumerate(zip(light, views, strict=True)):
+            offset = side * self.camera.baseline
+            points = snow.places - np.array([offset, 0.0, 0.0])
+            colours = background + irradiance_on(
+                points, lamp_array(lamps, offset), water.attenuation())
+            add_snow(
+                irradiance, view.range, self.camera, snow, points,
+                self.effects.snow_brightness * colours)
 
     def _lamp_light(self, seen: CameraView, water: Water, lamps: tuple[Lamp, ...]) -> Map:
         irradiance = form_lamp_image(seen, water, self.lighting, lamps, self.workers)

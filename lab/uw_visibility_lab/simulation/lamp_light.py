@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Light of lamps in water: on surfaces, on snow, and scattered towards the camera.
+"""Light of lamps in water: on surfaces, on particles, and scattered towards the camera.
 
 Single scattering, as in J. S. Jaffe, Computer modeling and the design of optimal
 underwater imaging systems, IEEE J. Oceanic Engineering 15 (1990), doi 10.1109/48.50695. A
@@ -18,7 +18,6 @@ Gauss and Legendre's rule integrates it at every pixel.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,7 +29,6 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.lighting import beam_falloff
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, Map
-from uw_visibility_lab.simulation.effects import Particle, blot
 from uw_visibility_lab.simulation.formation import Geometry, blur_by_range
 from uw_visibility_lab.simulation.lamps import Lamp, Lighting
 from uw_visibility_lab.simulation.phase_functions import phase_table
@@ -197,7 +195,6 @@ class CameraView:
     eye: Array  # (3,); position in the world, m
     rotation: Array  # (3, 3); axes of its optical frame in the world, as columns
     offset: float  # its place on the left camera's x axis, m
-    focal_length: float  # px
 
 
 def check_water(water: Water) -> None:
@@ -237,40 +234,6 @@ def form_lamp_image(
     if water.effects.blur > 0.0:
         direct = blur_by_range(direct, view.range, water.effects.blur)
     return direct + veil
-
-
-def add_lit_snow(
-    irradiance: Map, lit: CameraView, particles: Sequence[Particle], background: Array,
-    brightness: float, lamps: tuple[Lamp, ...], beta: Array,
-) -> None:
-    """Marine snow in the light of lamps: white particles, bright where lamps are near.
-
-    irradiance: image that they drift before; changed in place.
-    background: irradiance of a particle in daylight, RGB.
-    brightness: reflectance of the particles, where white is 1.
-    """
-    if not particles:
-        return
-    height, width = lit.view.range.shape
-    centre = ((width - 1) / 2, (height - 1) / 2)
-    shift = lit.focal_length * lit.offset
-    u, v, z = (
-        np.array([getattr(p, name) for p in particles]) for name in ("column", "row", "depth"))
-    u = u - shift / z
-    points = np.stack([
-        (u - centre[0]) / lit.focal_length * z, (v - centre[1]) / lit.focal_length * z, z,
-    ], axis=1)
-    light = irradiance_on(points, lamp_array(lamps, lit.offset), beta)
-    colours = (brightness * (light + background)).astype(np.float32)
-    distances = np.linalg.norm(points, axis=1)
-    for k, particle in enumerate(particles):
-        column, row = (int(np.clip(round(x), 0, n - 1)) for x, n in ((u[k], width), (v[k], height)))
-        if distances[k] > lit.view.range[row, column]:
-            continue
-        cover = np.zeros((height, width), np.float32)
-        window = blot(cover, float(u[k]), float(v[k]), particle.sigma, particle.opacity)
-        opacity = cover[window][..., np.newaxis]
-        irradiance[window] += opacity * (colours[k] - irradiance[window])
 
 
 def exposure_for(irradiance: Map, exposed: float) -> float:
