@@ -76,23 +76,28 @@ def look(
     """
     width = 9 if surfaces else 3
     size = (camera.height, camera.width)
-    ranges = np.empty(size, np.float32)
-    hits = np.empty(size, np.int32)
-    seen = np.zeros((*size, width), np.float32)
     bounds = scene.shapes[:, [1, 2, 3, 16]]
     tiles = assign_to_tiles(bounds, camera, eye, rotation, MAX_RANGE)
     optics = np.array([camera.focal_length, *camera.principal_point])
-    workers.rows(
-        _cast_centres, camera.height, scene, tiles, eye, rotation, optics, ranges, hits, seen
-    )
+
+    def cast(
+        rows: NDArray[np.floating], columns: NDArray[np.floating]
+    ) -> tuple[Map, NDArray[np.int32], Map]:
+        """Range, surface, and what is seen there, of the rays through points of the image."""
+        ranges, hits = np.empty(rows.shape, np.float32), np.empty(rows.shape, np.int32)
+        seen = np.zeros((*rows.shape, width), np.float32)
+        if rows.size > 0:
+            workers.rows(
+                _cast, rows.size, scene, tiles, eye, rotation, optics, columns.ravel(),
+                rows.ravel(), ranges.ravel(), hits.ravel(), seen.reshape(-1, width))
+        return ranges, hits, seen
+
+    v, u = np.indices(size, np.float64)
+    ranges, hits, seen = cast(v, u)
     rows, columns = np.nonzero(_edges(ranges, hits))
-    edge_range = np.empty((len(rows), 4), np.float32)
-    edge_seen = np.zeros((len(rows), 4, width), np.float32)
-    if len(rows) > 0:
-        workers.rows(
-            _cast_quarters, len(rows), scene, tiles, eye, rotation, optics, rows, columns,
-            edge_range, edge_seen,
-        )
+    edge_range, _, edge_seen = cast(
+        rows[:, np.newaxis] + np.array([-0.25, -0.25, 0.25, 0.25]),
+        columns[:, np.newaxis] + np.array([-0.25, 0.25, -0.25, 0.25]))
     (radiance, *of_pixels), (edge_radiance, *of_edges) = (
         [np.ascontiguousarray(values[..., first:first + 3]) for first in range(0, width, 3)]
         for values in (seen, edge_seen)
@@ -115,52 +120,27 @@ def _edges(ranges: Map, hits: NDArray[np.int32]) -> Mask:
 
 
 @njit(nogil=True, error_model="numpy")
-def _cast_centres(
-    start: int, stop: int, scene: Scene, tiles: Tiles, eye: Any, rotation: Any, optics: Any,
-    ranges: Any, hits: Any, seen: Any,
-) -> None:
-    for row in range(start, stop):
-        for column in range(ranges.shape[1]):
-            tile = (row // TILE) * tiles.columns + column // TILE
-            ranges[row, column], hits[row, column] = _cast(
-                scene, tiles, tile, eye, rotation, optics, column, row, seen[row, column]
-            )
-
-
-@njit(nogil=True, error_model="numpy")
-def _cast_quarters(
-    start: int, stop: int, scene: Scene, tiles: Tiles, eye: Any, rotation: Any, optics: Any,
-    rows: Any, columns: Any, ranges: Any, seen: Any,
-) -> None:
-    for k in range(start, stop):
-        tile = (rows[k] // TILE) * tiles.columns + columns[k] // TILE
-        for quarter in range(4):
-            u = columns[k] - 0.25 + 0.5 * (quarter % 2)
-            v = rows[k] - 0.25 + 0.5 * (quarter // 2)
-            ranges[k, quarter], _ = _cast(
-                scene, tiles, tile, eye, rotation, optics, u, v, seen[k, quarter]
-            )
-
-
-@njit(nogil=True, error_model="numpy")
 def _cast(
-    scene: Scene, tiles: Tiles, tile: int, eye: Any, rotation: Any, optics: Any, u: float,
-    v: float, seen: Any,
-) -> tuple[float, int]:
-    """Cast the ray through a point of the image; writes what it sees to ``seen``."""
-    x, y = (u - optics[1]) / optics[0], (v - optics[2]) / optics[0]
-    length = 1.0 / math.sqrt(x * x + y * y + 1.0)
-    dx = (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2]) * length
-    dy = (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2]) * length
-    dz = (rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2]) * length
-    candidates = tiles.shapes[tiles.offsets[tile]:tiles.offsets[tile + 1]]
-    t, hit = nearest(scene, candidates, eye, dx, dy, dz, MAX_RANGE)
-    if hit != NOTHING:
-        look_at(
-            scene, hit, eye[0] + t * dx, eye[1] + t * dy, eye[2] + t * dz,
-            t / optics[0], (dx, dy, dz), seen,
-        )
-    return t, hit
+    start: int, stop: int, scene: Scene, tiles: Tiles, eye: Any, rotation: Any, optics: Any,
+    columns: Any, rows: Any, ranges: Any, hits: Any, seen: Any,
+) -> None:
+    """Cast the rays through points of the image."""
+    for k in range(start, stop):
+        u, v = columns[k], rows[k]
+        x, y = (u - optics[1]) / optics[0], (v - optics[2]) / optics[0]
+        length = 1.0 / math.sqrt(x * x + y * y + 1.0)
+        dx = (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2]) * length
+        dy = (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2]) * length
+        dz = (rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2]) * length
+        tile = (int(v + 0.5) // TILE) * tiles.columns + int(u + 0.5) // TILE
+        candidates = tiles.shapes[tiles.offsets[tile]:tiles.offsets[tile + 1]]
+        t, hit = nearest(scene, candidates, eye, dx, dy, dz, MAX_RANGE)
+        if hit != NOTHING:
+            look_at(
+                scene, hit, eye[0] + t * dx, eye[1] + t * dy, eye[2] + t * dz,
+                t / optics[0], (dx, dy, dz), seen[k],
+            )
+        ranges[k], hits[k] = t, hit
 
 
 class Tiles(NamedTuple):
@@ -187,37 +167,24 @@ def assign_to_tiles(
     x, y, z, radius = x[index], y[index], z[index], radius[index]
     near, far = np.maximum(z - radius, 1e-3), z + radius
 
-    def span(middle: Array, centre: float) -> NDArray[np.int64]:
-        """Bound the projection of each sphere, in tiles."""
+    def span(middle: Array, centre: float, tiles: int) -> NDArray[np.int64]:
+        """First and last tile of each sphere's projection; the first is after the last for none."""
         low, high = middle - radius, middle + radius
         first = low / np.where(low < 0.0, near, far)
         last = high / np.where(high > 0.0, near, far)
         edges = np.stack([first, last]) * camera.focal_length + centre
         edges += np.array([[-1.0], [1.0]])
-        return np.floor(np.clip(edges, -1e6, 1e6) / TILE).astype(np.int64)
+        edges = np.clip(np.floor(edges / TILE), [[0], [-1]], [[tiles], [tiles - 1]])
+        return edges.astype(np.int64)
 
     columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
-    across = span(x, camera.principal_point[0])
-    down = span(y, camera.principal_point[1])
-    offsets, shapes = _lists(index, across, down, columns, rows)
-    return Tiles(columns, offsets, shapes)
-
-
-@njit(nogil=True, error_model="numpy")
-def _lists(index: Any, across: Any, down: Any, columns: int, rows: int) -> tuple[Any, Any]:
-    """Count each tile's shapes, then write them down."""
-    offsets = np.zeros(columns * rows + 1, np.int64)
-    for k in range(len(index)):
-        for row in range(max(down[0, k], 0), min(down[1, k] + 1, rows)):
-            for column in range(max(across[0, k], 0), min(across[1, k] + 1, columns)):
-                offsets[row * columns + column + 1] += 1
-    offsets = np.cumsum(offsets)
-    shapes = np.empty(offsets[-1], np.int32)
-    place = offsets.copy()
-    for k in range(len(index)):
-        for row in range(max(down[0, k], 0), min(down[1, k] + 1, rows)):
-            for column in range(max(across[0, k], 0), min(across[1, k] + 1, columns)):
-                tile = row * columns + column
-                shapes[place[tile]] = index[k]
-                place[tile] += 1
-    return offsets, shapes
+    left, right = span(x, camera.principal_point[0], columns)
+    top, below = span(y, camera.principal_point[1], rows)
+    width = right - left + 1
+    count = width * (below - top + 1)
+    # Each shape as often as it has tiles, numbered row by row.
+    shape = np.repeat(np.arange(len(index)), count)
+    number = np.arange(len(shape)) - np.repeat(np.cumsum(count) - count, count)
+    tile = (top[shape] + number // width[shape]) * columns + left[shape] + number % width[shape]
+    offsets = np.concatenate([[0], np.cumsum(np.bincount(tile, minlength=columns * rows))])
+    return Tiles(columns, offsets, index[shape[np.argsort(tile, kind="stable")]].astype(np.int32))
