@@ -14,7 +14,7 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.lighting import beam_falloff
 from uw_visibility.errors import InputError
 from uw_visibility_lab.simulation.camera import StereoCamera
-from uw_visibility_lab.simulation.lamp_light import lamp_array, light_surfaces, scatter
+from uw_visibility_lab.simulation.lamp_light import direct_light, scatter, seen_from
 from uw_visibility_lab.simulation.lamps import Lamp, default_rig
 from uw_visibility_lab.simulation.phase_functions import (
     PHASE_FUNCTIONS,
@@ -33,26 +33,24 @@ def test_a_lamp_at_the_camera_falls_with_the_square_of_range_and_twice_its_path(
     ranges = np.linspace(0.5, 12.0, 24 * 32, dtype=np.float32).reshape(24, 32)
     reflectance = np.full((24, 32, 3), 0.4, np.float32)
     lamp = Lamp((0.0, 0.0, 0.0), beam_angle=0.0, power=(2.0, 3.0, 4.0))
-    direct = light_surfaces(
-        RAYS, ranges, reflectance, None, lamp_array((lamp,), 0.0), BETA, ONE)
+    direct = reflectance * direct_light(RAYS, ranges, None, (lamp,), BETA)
     constant = direct * ranges[..., None] ** 2 * np.exp(2.0 * BETA * ranges[..., None])
     np.testing.assert_allclose(constant, np.broadcast_to([0.8, 1.2, 1.6], constant.shape), 1e-5)
 
 
 def test_beam_and_slant() -> None:
     ranges = np.full((24, 32), 2.0, np.float32)
-    white = np.ones((24, 32, 3), np.float32)
-    lamps = lamp_array((Lamp((0.0, 0.0, 0.0), (0.0, 0.0, 5.0), 40.0, (1.0, 1.0, 1.0)),), 0.0)
-    direct = light_surfaces(RAYS, ranges, white, None, lamps, np.zeros(3), ONE)
+    lamps = (Lamp((0.0, 0.0, 0.0), (0.0, 0.0, 5.0), 40.0, (1.0, 1.0, 1.0)),)
+    direct = direct_light(RAYS, ranges, None, lamps, np.zeros(3))
     angle = np.degrees(np.arccos(RAYS[..., 2]))
     # Half the power at half of the full angle; light of a lamp at 2 m is a quarter of that at 1 m.
     np.testing.assert_allclose(direct[..., 1], 0.25 * 0.5 ** ((angle / 20.0) ** 2), rtol=1e-5)
     towards = np.zeros((24, 32, 3), np.float32)
     towards[..., 2] = -1.0
-    slanted = light_surfaces(RAYS, ranges, white, towards, lamps, np.zeros(3), ONE)
+    slanted = direct_light(RAYS, ranges, towards, lamps, np.zeros(3))
     np.testing.assert_allclose(slanted, direct * RAYS[..., 2:3], rtol=1e-5)
     # What faces away is dark.
-    assert not light_surfaces(RAYS, ranges, white, -towards, lamps, np.zeros(3), ONE).any()
+    assert not direct_light(RAYS, ranges, -towards, lamps, np.zeros(3)).any()
 
 
 @pytest.mark.parametrize("name", PHASE_FUNCTIONS)
@@ -66,8 +64,7 @@ def test_scattered_light_is_the_integral_along_the_ray(lamp: Lamp, name: str) ->
     ranges = np.full((24, 32), 3.0, np.float32)
     ranges[:, 16:] = 30.0
     b = np.array([0.2, 0.14, 0.1])
-    array = lamp_array((lamp,), 0.0)
-    scattered = scatter(RAYS, ranges, array, BETA, b, name, ONE)
+    scattered = scatter(RAYS, ranges, (lamp,), BETA, b, name, ONE)
     for row, column in ((0, 0), (12, 15), (12, 16), (23, 31), (4, 20)):
         ray, c = RAYS[row, column], 1
 
@@ -90,11 +87,10 @@ def test_scattered_light_is_the_integral_along_the_ray(lamp: Lamp, name: str) ->
 
 
 def test_open_water_is_the_limit_of_far_ranges_and_more_water_scatters_more() -> None:
-    array = lamp_array(default_rig(2), 0.0)
     before = np.zeros((24, 32, 3), np.float32)
     for distance in (0.3, 1.0, 3.0, 10.0, 100.0, math.inf):
         ranges = np.full((24, 32), distance, np.float32)
-        scattered = scatter(RAYS, ranges, array, BETA, BETA, "henyey-greenstein", ONE)
+        scattered = scatter(RAYS, ranges, default_rig(2), BETA, BETA, "henyey-greenstein", ONE)
         # Never less than in front of what is nearer; never below 0.
         assert (scattered >= before * (1.0 - 1e-5)).all()
         last, before = before, scattered
@@ -103,12 +99,10 @@ def test_open_water_is_the_limit_of_far_ranges_and_more_water_scatters_more() ->
 
 def test_a_symmetric_rig_gives_a_symmetric_picture() -> None:
     lamps = (Lamp((-0.4, -0.2, 0.0), (0.2, 0.1, 1.0)), Lamp((0.4, -0.2, 0.0), (-0.2, 0.1, 1.0)))
-    array = lamp_array(lamps, 0.0)
     ranges = np.tile(np.linspace(1.0, 4.0, 24, dtype=np.float32)[:, None], 32)
-    white = np.ones((24, 32, 3), np.float32)
     for image in (
-        scatter(RAYS, ranges, array, BETA, BETA, "fournier-forand", ONE),
-        light_surfaces(RAYS, ranges, white, None, array, BETA, ONE),
+        scatter(RAYS, ranges, lamps, BETA, BETA, "fournier-forand", ONE),
+        direct_light(RAYS, ranges, None, lamps, BETA),
     ):
         np.testing.assert_allclose(image, image[:, ::-1], rtol=1e-4)
         assert not np.allclose(image, image[::-1], rtol=0.1)
@@ -119,7 +113,7 @@ def test_the_right_camera_sees_lamps_from_its_own_place() -> None:
     ranges = np.full((24, 32), 2.0, np.float32)
     moved = Lamp((0.38, 0.0, 0.0))
     images = [
-        scatter(RAYS, ranges, lamp_array((one,), offset), BETA, BETA, "henyey-greenstein", ONE)
+        scatter(RAYS, ranges, seen_from((one,), offset), BETA, BETA, "henyey-greenstein", ONE)
         for one, offset in ((lamp, 0.12), (moved, 0.0))
     ]
     np.testing.assert_array_equal(*images)
@@ -127,10 +121,10 @@ def test_the_right_camera_sees_lamps_from_its_own_place() -> None:
 
 def test_a_lamp_in_the_camera_scatters_without_bound() -> None:
     ranges = np.full((24, 32), 2.0, np.float32)
-    array = lamp_array((Lamp((0.0, 0.005, 0.0)),), 0.0)
+    lamps = (Lamp((0.0, 0.005, 0.0)),)
     with pytest.raises(InputError, match="of a camera"):
-        scatter(RAYS, ranges, array, BETA, BETA, "henyey-greenstein", ONE)
-    assert not scatter(RAYS, ranges, array, BETA, 0.0 * BETA, "henyey-greenstein", ONE).any()
+        scatter(RAYS, ranges, lamps, BETA, BETA, "henyey-greenstein", ONE)
+    assert not scatter(RAYS, ranges, lamps, BETA, 0.0 * BETA, "henyey-greenstein", ONE).any()
 
 
 @pytest.mark.parametrize("name", PHASE_FUNCTIONS)

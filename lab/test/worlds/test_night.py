@@ -12,15 +12,14 @@ import pytest
 from scipy.integrate import trapezoid
 
 from uw_visibility.config.schema import PipelineConfig
+from uw_visibility_lab.simulation.lamp_light import Beam, gaussian_beam
 from uw_visibility_lab.worlds.lamps import (
-    COSINE,
-    GAUSSIAN,
-    RIM,
     TWO_TERMS,
-    beam_shape,
+    cosine_beam,
     normals_of,
     phase_function,
     rays_of,
+    rimmed_beam,
 )
 from uw_visibility_lab.worlds.night import EFFECTS, Night, draw_night
 from uw_visibility_lab.worlds.scenes import Scene
@@ -37,10 +36,10 @@ def night(*effects: str, daylight: float | None = None) -> Night:
     return draw_night(np.random.default_rng(3), FLOOR, effects, daylight)
 
 
-@pytest.mark.parametrize("name", [GAUSSIAN, COSINE, RIM])
-def test_beams_have_half_of_their_power_at_half_of_their_angle(name: str) -> None:
-    assert beam_shape(name, np.cos(np.zeros(1)), 80.0)[0] == pytest.approx(1.0, abs=0.01)
-    half = beam_shape(name, np.cos(np.array([math.radians(40.0)])), 80.0)[0]
+@pytest.mark.parametrize("beam", [gaussian_beam, cosine_beam, rimmed_beam])
+def test_beams_have_half_of_their_power_at_half_of_their_angle(beam: Beam) -> None:
+    assert beam(np.cos(np.zeros(1)), 80.0)[0] == pytest.approx(1.0, abs=0.01)
+    half = beam(np.cos(np.array([math.radians(40.0)])), 80.0)[0]
     assert half == pytest.approx(0.5, abs=0.05)
 
 

@@ -19,10 +19,10 @@ from uw_visibility_lab.simulation.formation import Geometry, effective_attenuati
 from uw_visibility_lab.simulation.lamp_light import (
     CameraView,
     check_water,
+    direct_light,
     exposure_for,
     form_lamp_image,
-    irradiance_on,
-    lamp_array,
+    seen_from,
 )
 from uw_visibility_lab.simulation.lamps import Lamp, Lighting
 from uw_visibility_lab.simulation.scene import Scene
@@ -199,8 +199,10 @@ class Renderer:
         for side, (irradiance, view) in enumerate(zip(light, views, strict=True)):
             offset = side * self.camera.baseline
             points = snow.places - np.array([offset, 0.0, 0.0])
-            colours = background + irradiance_on(
-                points, lamp_array(lamps, offset), water.attenuation())
+            away = np.linalg.norm(points, axis=1)
+            colours = background + direct_light(
+                points / away[:, np.newaxis], away, None, seen_from(lamps, offset),
+                water.attenuation())
             add_snow(
                 irradiance, view.range, self.camera, snow, points,
                 self.effects.snow_brightness * colours)

@@ -18,7 +18,8 @@ Gauss and Legendre's rule integrates it at every pixel.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,107 +42,78 @@ NEAREST = 0.01
 BRIGHT = 99.0
 """Percentile of an image that automatic exposure looks at."""
 
+# What is nearer to a lamp is as bright as at this distance, m.
+_NEAREST_SURFACE = 0.02
+
+Beam = Callable[[Array, float], Array]
+
 NODES = 24
 """Nodes of the integral for beams of 60 degrees and more, within 1e-5; narrower ones take more."""
 
 
-def lamp_array(lamps: tuple[Lamp, ...], camera_offset: float) -> Array:
-    """Return lamps as kernels take them, in the frame of a camera on the left one's x axis (m).
-
-    Returns (n, 10): position, axis, coefficient of the beam, power.
-    """
-    rows = [
-        [lamp.position[0] - camera_offset, *lamp.position[1:], *lamp.axis,
-         beam_falloff(lamp.beam_angle), *lamp.power]
-        for lamp in lamps
-    ]
-    return np.array(rows, dtype=np.float64).reshape(-1, 10)
+def gaussian_beam(cosine: Array, angle: float) -> Array:
+    """Relative power over the cosine of the angle from the axis; `angle` as in `Lamp`."""
+    return np.asarray(np.exp(-beam_falloff(angle) * np.arccos(np.clip(cosine, -1.0, 1.0))**2))
 
 
-def irradiance_on(points: Array, lamps: Array, beta: Array) -> Array:
-    """Irradiance at the camera of white particles at points (n, 3), m, in the camera's frame."""
-    ranges = np.linalg.norm(points, axis=-1)
-    directions = points / ranges[:, np.newaxis]
-    direct = np.zeros((len(points), 1, 3), np.float32)
-    white = np.ones_like(direct)
-    _light_surfaces(
-        0, len(points), directions[:, np.newaxis], ranges.astype(np.float32)[:, np.newaxis],
-        white, white, False, lamps, beta, direct,
-    )
-    return np.asarray(direct[:, 0], dtype=np.float64)
+def seen_from(lamps: tuple[Lamp, ...], offset: float) -> tuple[Lamp, ...]:
+    """Return lamps in the frame of a camera at an offset (m) on the left one's x axis."""
+    return tuple(
+        replace(lamp, position=(lamp.position[0] - offset, *lamp.position[1:])) for lamp in lamps)
 
 
-def light_surfaces(
-    rays: Array, ranges: Map, reflectance: Map, normals: Map | None, lamps: Array,
-    beta: Array, workers: Workers,
+def direct_light(
+    rays: Array, ranges: Map, normals: Array | None, lamps: Sequence[Lamp], beta: Array,
+    beam: Beam = gaussian_beam, exponent: float = 1.0,
 ) -> Map:
-    """Direct signal: light of the lamps that surfaces reflect to the camera.
+    """Irradiance of white surfaces at the camera, (..., 3) float32; 0 where nothing is.
 
-    rays: (H, W, 3), unit directions in the camera's frame. ranges: (H, W), m; inf = no surface.
+    rays: (..., 3), unit directions in the camera's frame. ranges: (...), m; inf = no surface.
     normals: in the camera's frame; without them every surface faces every lamp.
+    beam: relative power over the cosine of the angle from the axis, and the beam angle.
+    exponent: light goes with the cosine of the incidence to this power (Minnaert 1941,
+    doi:10.1086/144279).
     """
-    direct = np.zeros(reflectance.shape, np.float32)
-    facing = reflectance if normals is None else normals
-    workers.rows(
-        _light_surfaces, len(rays), rays, ranges, reflectance, facing, normals is not None,
-        lamps, beta, direct,
-    )
-    return direct
+    known = np.isfinite(ranges)
+    distance = np.where(known, ranges, 1.0).astype(np.float64)
+    out = np.zeros((*ranges.shape, 3))
+    for lamp in lamps:
+        away = rays * distance[..., np.newaxis] - np.array(lamp.position)
+        r = np.maximum(np.linalg.norm(away, axis=-1), _NEAREST_SURFACE)
+        light = beam(away @ lamp.axis / r, lamp.beam_angle) / r**2
+        if normals is not None:
+            light *= np.maximum(-np.einsum("...k,...k->...", away, normals) / r, 0.0)**exponent
+        path = (r + distance)[..., np.newaxis]
+        out += np.array(lamp.power) * light[..., np.newaxis] * np.exp(-beta * path)
+    out[~known] = 0.0
+    return out.astype(np.float32)
 
 
 def scatter(
-    rays: Array, ranges: Map, lamps: Array, beta: Array, scattering: Array,
+    rays: Array, ranges: Map, lamps: Sequence[Lamp], beta: Array, scattering: Array,
     phase_function: str, workers: Workers,
 ) -> Map:
     """Backscatter: light of the lamps that the water scatters (b in 1/m, RGB) to the camera."""
     scattered = np.zeros((*ranges.shape, 3), np.float32)
     if not scattering.any():
         return scattered
-    if len(lamps) and np.linalg.norm(lamps[:, :3], axis=1).min() < NEAREST:
+    if any(np.linalg.norm(lamp.position) < NEAREST for lamp in lamps):
         raise InputError(
             f"a lamp lies within {NEAREST:g} m of a camera: move it, or set the scattering "
             "albedo to 0"
         )
+    rows = np.array([
+        [*lamp.position, *lamp.axis, beam_falloff(lamp.beam_angle), *lamp.power]
+        for lamp in lamps]).reshape(-1, 10)
     # The narrower a beam, the shorter the part of a ray that it lights.
-    narrowest = lamps[:, 6].max(initial=0.0)
+    narrowest = rows[:, 6].max(initial=0.0)
     widening = math.sqrt(narrowest / beam_falloff(60.0))
     nodes, weights = np.polynomial.legendre.leggauss(math.ceil(NODES * max(1.0, widening)))
     workers.rows(
-        _scatter, len(rays), rays, ranges, lamps, beta, scattering,
+        _scatter, len(rays), rays, ranges, rows, beta, scattering,
         phase_table(phase_function), nodes, weights, scattered,
     )
     return scattered
-
-
-@njit(nogil=True, error_model="numpy")
-def _light_surfaces(
-    start: int, stop: int, rays: Any, ranges: Any, reflectance: Any, normals: Any, shaded: bool,
-    lamps: Any, beta: Any, direct: Any,
-) -> None:
-    for row in range(start, stop):
-        for column in range(ranges.shape[1]):
-            distance = float(ranges[row, column])
-            if not distance < math.inf:
-                continue
-            ray, normal = rays[row, column], normals[row, column]
-            for lamp in lamps:
-                x = distance * ray[0] - lamp[0]
-                y = distance * ray[1] - lamp[1]
-                z = distance * ray[2] - lamp[2]
-                r = math.sqrt(x * x + y * y + z * z)
-                light = 1.0
-                if lamp[6] > 0.0:
-                    cosine = (x * lamp[3] + y * lamp[4] + z * lamp[5]) / r
-                    angle = math.acos(min(max(cosine, -1.0), 1.0))
-                    light = math.exp(-lamp[6] * angle * angle)
-                if shaded:
-                    light *= max(-(x * normal[0] + y * normal[1] + z * normal[2]) / r, 0.0)
-                light /= r * r
-                for c in range(3):
-                    direct[row, column, c] += (
-                        lamp[7 + c] * reflectance[row, column, c] * light
-                        * math.exp(-beta[c] * (r + distance))
-                    )
 
 
 @njit(nogil=True, error_model="numpy")
@@ -215,14 +187,13 @@ def form_lamp_image(
     assert surfaces is not None  # `Renderer.look` sees them where there are lamps
     beta = water.attenuation()
     scattering = beta * lighting.scattering_albedo
-    array = lamp_array(lamps, lit.offset)
+    lamps = seen_from(lamps, lit.offset)
 
     def parts(rays: Array, ranges: Map, reflectance: Map, normals: Map) -> tuple[Map, Map]:
-        facing = (normals @ lit.rotation).astype(np.float32) if lighting.shaded else None
+        facing = normals @ lit.rotation if lighting.shaded else None
         return (
-            light_surfaces(rays, ranges, reflectance, facing, array, beta, workers),
-            scatter(
-                rays, ranges, array, beta, scattering, lighting.phase_function, workers),
+            reflectance * direct_light(rays, ranges, facing, lamps, beta),
+            scatter(rays, ranges, lamps, beta, scattering, lighting.phase_function, workers),
         )
 
     direct, veil = parts(lit.rays, view.range, surfaces.reflectance, surfaces.normals)

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random lamps of a vehicle at night, and their light on a view.
 
-Single scattering (Jaffe 1990, doi:10.1109/48.50695) in NumPy: neither the package's tables nor the
-simulator's kernels are used, so that it can judge what is estimated by them.
+Single scattering (Jaffe 1990, doi:10.1109/48.50695) without the package's tables, so that it can
+judge what is estimated by them.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.config.lighting import beam_falloff
 from uw_visibility.images.arrays import Array, Map
 from uw_visibility.optics.lamps import vector
 from uw_visibility.stereo.rig import StereoRig
+from uw_visibility_lab.simulation.lamp_light import Beam, direct_light, gaussian_beam
 from uw_visibility_lab.simulation.lamps import Lamp
 from uw_visibility_lab.simulation.phase_functions import (
     FOURNIER_FORAND,
@@ -28,9 +28,6 @@ from uw_visibility_lab.simulation.phase_functions import (
 )
 from uw_visibility_lab.worlds.beliefs import count, draw
 
-GAUSSIAN, COSINE, RIM = "gaussian", "cosine", "rim"
-"""Beams: as they are told; a power of the cosine, as of bare diodes; flat with a bright rim, as of
-reflectors. All have half of the power at the same angle."""
 TWO_TERMS = "two terms"
 """Phase function of two terms of Henyey and Greenstein (Haltrin 2002, doi:10.1364/AO.41.001022)."""
 PHASES = (HENYEY_GREENSTEIN, FOURNIER_FORAND)
@@ -45,7 +42,6 @@ _WIDEST = math.radians(80.0)
 # Scattered light is smooth: it is calculated in every so many-th row and column.
 _STEP = 4
 _NODES = 32
-_NEAREST = 0.02
 
 
 class Rig(NamedTuple):
@@ -54,7 +50,7 @@ class Rig(NamedTuple):
     lamps: tuple[Lamp, ...]
     scattering: Array
     phase: str
-    beam: str = GAUSSIAN
+    beam: Beam = gaussian_beam
 
 
 def draw_lamps(rng: np.random.Generator) -> tuple[Lamp, ...]:
@@ -91,7 +87,7 @@ def light_by_lamps(
     scattering = attenuation * np.array([draw(rng, "lamps.albedo") for _ in range(3)])
     rig = Rig(lamps, scattering, PHASES[count(rng, "lamps.phase")])
     return (
-        reflectance * direct_light(rays, ranges, None, rig, attenuation),
+        reflectance * direct_light(rays, ranges, None, rig.lamps, attenuation),
         scattered_light(rays, ranges, rig, attenuation))
 
 
@@ -101,30 +97,6 @@ def rays_of(shape: tuple[int, ...], focal_length: float) -> Array:
     # Of one camera: the baseline does not matter.
     rig = StereoRig(focal_length * width, 1.0, (0.5 * (width - 1), 0.5 * (height - 1)))
     return rig.ray_directions((height, width))
-
-
-def direct_light(
-    rays: Array, ranges: Map, normals: Array | None, rig: Rig, attenuation: Array,
-    exponent: float = 1.0,
-) -> Map:
-    """Irradiance of white surfaces at the camera, (H, W, 3) float32; 0 where nothing is.
-
-    Without normals (H, W, 3) every surface faces every lamp. Light goes with the cosine of the
-    incidence to the power of an exponent (Minnaert 1941, doi:10.1086/144279).
-    """
-    known = np.isfinite(ranges)
-    distance = np.where(known, ranges, 1.0).astype(np.float64)
-    out = np.zeros((*ranges.shape, 3))
-    for lamp in rig.lamps:
-        away = rays * distance[..., np.newaxis] - np.array(lamp.position)
-        r = np.maximum(np.linalg.norm(away, axis=-1), _NEAREST)
-        light = beam_shape(rig.beam, away @ lamp.axis / r, lamp.beam_angle) / r**2
-        if normals is not None:
-            light *= np.maximum(-np.einsum("hwk,hwk->hw", away, normals) / r, 0.0)**exponent
-        path = (r + distance)[..., np.newaxis]
-        out += np.array(lamp.power) * light[..., np.newaxis] * np.exp(-attenuation * path)
-    out[~known] = 0.0
-    return out.astype(np.float32)
 
 
 def scattered_light(rays: Array, ranges: Map, rig: Rig, attenuation: Array) -> Map:
@@ -146,7 +118,7 @@ def scattered_light(rays: Array, ranges: Map, rig: Rig, attenuation: Array) -> M
             t = middle + half * node
             s, r = along + h * np.tan(t), h / np.cos(t)
             away = few * s[..., np.newaxis] - place
-            light = beam_shape(rig.beam, away @ lamp.axis / r, lamp.beam_angle)
+            light = rig.beam(away @ lamp.axis / r, lamp.beam_angle)
             light *= np.interp(0.5 * math.pi + t, angles, phase)
             light *= weight * half / h
             out += light[..., np.newaxis] * np.array(lamp.power) * np.exp(
@@ -157,16 +129,15 @@ def scattered_light(rays: Array, ranges: Map, rig: Rig, attenuation: Array) -> M
         np.float32)
 
 
-def beam_shape(name: str, cosine: Array, angle: float) -> Array:
-    """Relative power over the cosine of the angle from the axis; `angle` as in `Lamp`."""
-    theta = np.arccos(np.clip(cosine, -1.0, 1.0))
-    if name == GAUSSIAN or angle in (0.0, 360.0):
-        return np.asarray(np.exp(-beam_falloff(angle) * theta**2))
-    half = math.radians(angle) / 2.0
-    if name == COSINE:
-        exponent = math.log(0.5) / math.log(math.cos(min(half, _WIDEST)))
-        return np.asarray(np.maximum(cosine, 0.0) ** exponent)
-    at = theta / half
+def cosine_beam(cosine: Array, angle: float) -> Array:
+    """Beam as of bare diodes, a power of the cosine; see `gaussian_beam`."""
+    half = min(math.radians(angle) / 2.0, _WIDEST)
+    return np.asarray(np.maximum(cosine, 0.0) ** (math.log(0.5) / math.log(math.cos(half))))
+
+
+def rimmed_beam(cosine: Array, angle: float) -> Array:
+    """Beam as of reflectors, flat with a bright rim; see `gaussian_beam`."""
+    at = np.arccos(np.clip(cosine, -1.0, 1.0)) / (math.radians(angle) / 2.0)
     bright = 1.0 + _RIM * np.exp(-(((at - _RIM_AT) / _RIM_WIDTH) ** 2))
     return np.asarray(bright / (1.0 + at**_EDGE))
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Array, Map
 from uw_visibility.optics.lamps import vector
+from uw_visibility_lab.simulation.lamp_light import direct_light, gaussian_beam
 from uw_visibility_lab.simulation.lamps import Lamp, lighting_parameters, misplaced
 from uw_visibility_lab.simulation.phase_functions import FOURNIER_FORAND, HENYEY_GREENSTEIN
 from uw_visibility_lab.worlds import lamps as by_lamps
@@ -101,7 +102,7 @@ def draw_night(
         reflectance = reflectance * _patches(streams("patches"), rays, ranges)
     normals = None if "facing" in names else by_lamps.normals_of(rays, ranges)
     exponent = draw(streams("rough"), "lamps.exponent") if "rough" in names else 1.0
-    light = by_lamps.direct_light(rays, ranges, normals, rig, beta, exponent)
+    light = direct_light(rays, ranges, normals, rig.lamps, beta, rig.beam, exponent)
     veil = by_lamps.scattered_light(rays, ranges, rig, beta)
     if daylight:
         left = np.exp(-np.where(known, ranges, np.inf)[..., np.newaxis] * beta)
@@ -138,8 +139,10 @@ def _draw_rig(
     lamps = by_lamps.draw_lamps(rng)
     # Clear water absorbs red, and hardly scatters.
     scattering = particles * np.array([draw(rng, "lamps.albedo") for _ in range(3)])
-    beam = by_lamps.GAUSSIAN
-    for name, form in (("cosine beam", by_lamps.COSINE), ("rimmed beam", by_lamps.RIM)):
+    beam = gaussian_beam
+    for name, form in (
+        ("cosine beam", by_lamps.cosine_beam), ("rimmed beam", by_lamps.rimmed_beam)
+    ):
         beam = form if name in names else beam
     phase = HENYEY_GREENSTEIN
     for name, form in (("fournier-forand", FOURNIER_FORAND), ("two terms", by_lamps.TWO_TERMS)):

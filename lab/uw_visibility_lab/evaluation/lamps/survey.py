@@ -28,7 +28,7 @@ from uw_visibility_lab.evaluation.parallel import Progress, run_all
 from uw_visibility_lab.evaluation.readings import Reading, Truth
 from uw_visibility_lab.simulation.camera import Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import RenderedFrame, Renderer
-from uw_visibility_lab.simulation.lamp_light import lamp_array, light_surfaces, scatter
+from uw_visibility_lab.simulation.lamp_light import direct_light, scatter
 from uw_visibility_lab.simulation.lamps import Lighting, default_rig, lighting_parameters
 from uw_visibility_lab.simulation.scene import Scene, reef
 from uw_visibility_lab.simulation.water import Water
@@ -299,13 +299,11 @@ def _process(
 def _oracle(frame: RenderedFrame) -> Map:
     """Invert the light model by the renderer's own integrals: what no estimate can beat."""
     rays = CAMERA.rig.ray_directions((CAMERA.height, CAMERA.width))
-    workers = Workers(1)
-    lamps, beta = lamp_array(frame.lamps, 0.0), frame.attenuation
-    white = np.ones_like(frame.radiance_left)
-    light = light_surfaces(rays, frame.range_left, white, None, lamps, beta, workers)
+    beta = frame.attenuation
+    light = direct_light(rays, frame.range_left, None, frame.lamps, beta)
     veil = scatter(
-        rays, frame.range_left, lamps, beta, beta * LIGHTING.scattering_albedo,
-        LIGHTING.phase_function, workers,
+        rays, frame.range_left, frame.lamps, beta, beta * LIGHTING.scattering_albedo,
+        LIGHTING.phase_function, Workers(1),
     )
     seen = to_linear(frame.left, "linear")
     return np.maximum((seen - veil) / np.maximum(light, np.float32(1e-6)), 0.0)
