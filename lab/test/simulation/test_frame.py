@@ -144,7 +144,7 @@ def test_a_flat_floor_from_above_has_one_depth() -> None:
 def test_a_floor_without_texture_is_one_colour() -> None:
     above = Pose((0.0, 0.0, 1.2), tilt=math.pi / 2)
     frame = RENDERER.render(flat_floor(texture=0.0), above, WATER)
-    assert np.unique(frame.radiance_left).size == 1
+    assert len(np.unique(frame.radiance_left.reshape(-1, 3), axis=0)) == 1
 
 
 def test_marine_snow_covers_its_share(frame: RenderedFrame, scene: Scene) -> None:

@@ -36,7 +36,8 @@ def test_a_night_frame_is_direct_light_and_scattered_light() -> None:
     frame, direct = (r.render(GREY, ABOVE, WATER) for r in (RENDERER, unscattered))
     assert (frame.left >= direct.left).all()
     assert (frame.left > direct.left).mean() > 0.5
-    # The closed form at the middle of the left image: a floor of 0.5, 2 m below.
+    # The closed form at the middle of the left image: a floor of one colour, 2 m below.
+    colour = frame.radiance_left[30, 40]
     beta = WATER.attenuation()
     expected = np.zeros(3)
     for lamp in NIGHT.lamps:
@@ -44,12 +45,12 @@ def test_a_night_frame_is_direct_light_and_scattered_light() -> None:
         r = float(np.linalg.norm(offset))
         angle = math.acos(offset @ lamp.axis / r)
         light = 2.0 ** -((2.0 * angle / math.radians(lamp.beam_angle)) ** 2)
-        expected += 0.5 * np.array(lamp.power) * light * (offset[2] / r) / r**2 * np.exp(
+        expected += colour * np.array(lamp.power) * light * (offset[2] / r) / r**2 * np.exp(
             -beta * (r + 2.0))
     measured = direct.left[29:31, 39:41].reshape(-1, 3).mean(axis=0) / 255.0
     np.testing.assert_allclose(measured, 1.2 * expected, atol=1.0 / 255.0)
     # Truth: reflectance without shade, lamps as the image shows them, no daylight.
-    np.testing.assert_allclose(frame.radiance_left, 0.5)
+    np.testing.assert_allclose(frame.radiance_left, np.broadcast_to(colour, (60, 80, 3)))
     assert frame.lamps[1].position == NIGHT.lamps[1].position
     np.testing.assert_allclose(frame.lamps[0].power, 1.2 * np.array(NIGHT.lamps[0].power))
     assert not frame.ambient_light.any()

@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 
 from uw_visibility.errors import InputError
-from uw_visibility_lab.simulation.raycast import meet_ground
+from uw_visibility_lab.simulation.raycast import meet_ground, nearest_shape
 from uw_visibility_lab.simulation.shapes import NOWHERE
 from uw_visibility_lab.worlds.geometry import (
     LEVELS,
     TEXTURE,
-    nearest_shape,
     picture_levels,
 )
 from uw_visibility_lab.worlds.scenes import (
@@ -77,9 +76,9 @@ def test_shapes_are_met_at_their_surface(kind: int, half: tuple, range_ahead: fl
     builder = _Builder(np.random.default_rng(0), (), SIZE)
     builder.add(kind, (0.0, 3.0, 1.0), half, 0)
     shapes = np.array(builder.shapes)
-    assert nearest_shape(shapes, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0) == (
+    assert nearest_shape(shapes, np.arange(1), 0.0, 0.0, 1.0, 0.0, 1.0, 0.0) == (
         pytest.approx(range_ahead), 0)
-    assert nearest_shape(shapes, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0) == (NOWHERE, -1)
+    assert nearest_shape(shapes, np.arange(1), 0.0, 0.0, 1.0, 1.0, 0.0, 0.0) == (NOWHERE, -1)
 
 
 def test_levels_of_a_picture_keep_its_mean() -> None:

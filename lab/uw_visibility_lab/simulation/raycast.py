@@ -100,20 +100,29 @@ def floor_distance(scene: Scene, eye: Any, dx: float, dy: float, dz: float, limi
 
 
 @njit(nogil=True, error_model="numpy")
+def nearest_shape(
+    shapes: Any, candidates: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
+) -> tuple[float, int]:
+    """Range and index of the candidate that a ray meets first; `NOWHERE` and -1 for none."""
+    best, index = NOWHERE, -1
+    for k in candidates:
+        t = meet_shape(shapes[k], ox, oy, oz, dx, dy, dz)
+        if t < best:
+            best, index = t, k
+    return best, index
+
+
+@njit(nogil=True, error_model="numpy")
 def nearest(
     scene: Scene, candidates: Any, eye: Any, dx: float, dy: float, dz: float, limit: float
 ) -> tuple[float, int]:
     """Nearest intersection of a ray: its distance, and the shape."""
-    best, hit = math.inf, NOTHING
+    best, hit = nearest_shape(scene.shapes, candidates, eye[0], eye[1], eye[2], dx, dy, dz)
+    limit = min(best, limit)
     t = floor_distance(scene, eye, dx, dy, dz, limit)
     if t < limit:
-        best, hit = t, FLOOR
-    for index in candidates:
-        t = meet_shape(scene.shapes[index], eye[0], eye[1], eye[2], dx, dy, dz)
-        if t < best and t < limit:
-            best = t
-            hit = index
-    return best, hit
+        return t, FLOOR
+    return (best, hit) if best <= limit else (math.inf, NOTHING)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -136,10 +145,7 @@ def look_at(
     else:
         above = pz - on_floor(scene, scene.heights, px, py)
         light *= 0.22 + 0.78 * smoothstep(-0.03, 0.22, above)
-    if scene.texture == 0.0:
-        light = 1.0
-        r = g = b = 0.5
-    elif hit == FLOOR:
+    if hit == FLOOR:
         r, g, b = floor_radiance(scene.lattice, px, py, pz, footprint)
     else:
         r, g, b = shape_radiance(scene.lattice, scene.appearance[hit], px, py, pz, footprint)

@@ -45,7 +45,6 @@ class Scene(NamedTuple):
     # (n, 8); light colour, dark colour (linear RGB reflectance), texture's cell size in m and
     # width of its dark grooves
     appearance: Array
-    texture: float  # 1 for natural textures; 0 gives every surface one grey
 
 
 # Linear reflectance of the lit and of the shaded parts, cell size, groove width.
@@ -113,13 +112,13 @@ def reef(seed: int = 0, length: float = 10.0, view: float = 30.0) -> Scene:
 def flat_floor(seed: int = 0, *, texture: float = 1.0) -> Scene:
     """Make a flat floor of 12 m around the origin; from above it is a flat wall.
 
-    texture: 1 for natural texture, 0 for none.
+    texture: 1 for natural texture, 0 for none: one colour.
     """
     size = 12.0
     samples = int(size / SPACING)
     heights = np.zeros((samples, samples), np.float32)
     origin = (-size / 2, -size / 2)
-    return _finish(_Builder(), noise_lattice(seed), heights, origin, texture=texture)
+    return _finish(_Builder(), np.float32(texture) * noise_lattice(seed), heights, origin)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -240,7 +239,6 @@ def _finish(
     lattice: NDArray[np.float32],
     heights: NDArray[np.float32],
     origin: tuple[float, float],
-    texture: float = 1.0,
 ) -> Scene:
     return Scene(
         lattice=lattice,
@@ -251,7 +249,6 @@ def _finish(
         steep=float(np.quantile(np.hypot(*np.gradient(heights, SPACING)), 0.98)),
         shapes=np.array(builder.shapes).reshape(-1, SHAPE_COLUMNS),
         appearance=np.array(builder.looks).reshape(-1, 8),
-        texture=texture,
     )
 
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility_lab.simulation.noise import fractal_noise
-from uw_visibility_lab.simulation.raycast import meet_ground, relief_height
-from uw_visibility_lab.simulation.shapes import NOWHERE, meet_shape, shape_normal
+from uw_visibility_lab.simulation.raycast import meet_ground, nearest_shape, relief_height
+from uw_visibility_lab.simulation.shapes import shape_normal
 
 # A row of a material: pattern, two colours (3 each), cell and sharpness of the pattern, coarse and
 # fine variation of brightness, persistence, picture (-1 for none) and metres a picture covers.
@@ -98,19 +98,6 @@ def paint(
 
 
 @njit(nogil=True, error_model="numpy")
-def nearest_shape(
-    shapes: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
-) -> tuple[float, int]:
-    """Range and index of the shape that a ray meets first; `NOWHERE` and -1 for none."""
-    best, index = NOWHERE, -1
-    for k in range(len(shapes)):
-        t = meet_shape(shapes[k], ox, oy, oz, dx, dy, dz)
-        if t < best:
-            best, index = t, k
-    return best, index
-
-
-@njit(nogil=True, error_model="numpy")
 def cast(
     directions: Any, shapes: Any, relief: Any, hollow: Any, size: float, slope: float,
     steep: float, most: float, materials: Any, ground: Any, ground_cell: float, lattice: Any,
@@ -128,11 +115,12 @@ def cast(
     height, width = directions.shape[:2]
     colour, normal = np.zeros(3), np.zeros(3)
     cell = size / relief.shape[0]
+    everything = np.arange(len(shapes))
     for row in range(height):
         for column in range(width):
             dx, dy, dz = (
                 directions[row, column, 0], directions[row, column, 1], directions[row, column, 2])
-            t, index = nearest_shape(shapes, 0.0, 0.0, 1.0, dx, dy, dz)
+            t, index = nearest_shape(shapes, everything, 0.0, 0.0, 1.0, dx, dy, dz)
             g = meet_ground(
                 relief, size, slope, steep, 0.0, 0.0, 1.0, dx, dy, dz, 0.02, min(t, most))
             if g < t:
@@ -190,7 +178,9 @@ def cast(
             if shadows and facing > 0.0:
                 ox, oy, oz = (
                     x + 0.01 * normal[0], y + 0.01 * normal[1], z + 0.01 * normal[2])
-                if nearest_shape(shapes, ox, oy, oz, sun[0], sun[1], sun[2])[1] >= 0:
+                if nearest_shape(
+                    shapes, everything, ox, oy, oz, sun[0], sun[1], sun[2]
+                )[1] >= 0:
                     facing = 0.0
             # Even light comes more from above than from below.
             even = 0.6 + 0.4 * normal[2]
