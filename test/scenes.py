@@ -24,7 +24,9 @@ from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility_lab.simulation.camera import Pose, Sensor, StereoCamera
 from uw_visibility_lab.simulation.frame import Effects, RenderedFrame, Renderer
-from uw_visibility_lab.simulation.scene import Scene, reef
+from uw_visibility_lab.simulation.noise import noise_lattice
+from uw_visibility_lab.simulation.scene import SPACING, Scene, reef
+from uw_visibility_lab.simulation.shapes import SHAPE_COLUMNS
 from uw_visibility_lab.simulation.water import Water
 
 Image = NDArray[Any]
@@ -199,3 +201,14 @@ def processed(
     work = processor.begin(frame, config)
     result = work.assess(topics, **options)
     return result, dict(work.messages(result, node, topics))
+
+
+def flat_floor(seed: int = 0, *, texture: float = 1.0) -> Scene:
+    """Flat floor of 12 m around the origin; from above it is a flat wall.
+
+    texture: 1 for natural texture, 0 for none: one colour.
+    """
+    flat = np.zeros((round(12.0 / SPACING),) * 2, np.float32)
+    return Scene(
+        np.float32(texture) * noise_lattice(seed), flat, flat + 1, (-6.0, -6.0), 0.0, 0.0,
+        np.zeros((0, SHAPE_COLUMNS)), np.zeros((0, 8)))

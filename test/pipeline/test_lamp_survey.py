@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import flat_floor
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.pipeline.pipeline import Pipeline
@@ -16,7 +17,6 @@ from uw_visibility.water.estimate import LampLight
 from uw_visibility_lab.simulation.camera import Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import RenderedFrame, Renderer
 from uw_visibility_lab.simulation.lamps import Lighting, default_rig, lighting_parameters
-from uw_visibility_lab.simulation.scene import flat_floor
 from uw_visibility_lab.simulation.water import Water
 
 CAMERA = StereoCamera(320, 240, 300.0, 0.12)

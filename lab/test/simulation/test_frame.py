@@ -10,12 +10,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from scenes import flat_floor
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
 from uw_visibility_lab.simulation.camera import NOISELESS, Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import Effects, RenderedFrame, Renderer
-from uw_visibility_lab.simulation.scene import Scene, flat_floor, reef
+from uw_visibility_lab.simulation.scene import Scene, reef
 from uw_visibility_lab.simulation.water import Water
 
 CAMERA = StereoCamera(160, 120, 150.0, 0.12)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import flat_floor
 
 from uw_visibility.cli import main
 from uw_visibility.config.schema import PipelineConfig
@@ -18,7 +19,7 @@ from uw_visibility.errors import InputError
 from uw_visibility_lab.simulation.camera import NOISELESS, Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import Effects, Renderer
 from uw_visibility_lab.simulation.lamps import Lamp, Lighting, default_rig, misplaced
-from uw_visibility_lab.simulation.scene import flat_floor, reef
+from uw_visibility_lab.simulation.scene import reef
 from uw_visibility_lab.simulation.transect import Transect
 from uw_visibility_lab.simulation.water import Water, WaterEffects
 

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import flat_floor
 
 from uw_visibility_lab.simulation.raycast import floor_distance
-from uw_visibility_lab.simulation.scene import SPACING, flat_floor, reef
+from uw_visibility_lab.simulation.scene import SPACING, reef
 from uw_visibility_lab.simulation.shapes import (
     CAPSULE,
     ELLIPSOID,

@@ -135,7 +135,15 @@ def look_at(
     footprint: width of a pixel there in m.
     seen: takes the radiance and, where there is room, reflectance and unit normal.
     """
-    nx, ny, nz = surface_normal(scene, hit, px, py, pz)
+    if hit == FLOOR:
+        grid, step = scene.heights, 0.7 * SPACING
+        nx = on_floor(scene, grid, px - step, py) - on_floor(scene, grid, px + step, py)
+        ny = on_floor(scene, grid, px, py - step) - on_floor(scene, grid, px, py + step)
+        nz = 2.0 * step
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
+        nx, ny, nz = nx / length, ny / length, nz / length
+    else:
+        nx, ny, nz = shape_normal(scene.shapes[hit], px, py, pz)
     # A slanted surface widens the footprint; half of that is left to supersampling.
     slant = max(abs(nx * view[0] + ny * view[1] + nz * view[2]), 0.05)
     footprint /= math.sqrt(slant)
@@ -153,21 +161,6 @@ def look_at(
     if len(seen) > 3:
         seen[3], seen[4], seen[5] = r, g, b
         seen[6], seen[7], seen[8] = nx, ny, nz
-
-
-@njit(nogil=True, error_model="numpy")
-def surface_normal(
-    scene: Scene, hit: int, px: float, py: float, pz: float
-) -> tuple[float, float, float]:
-    """Return the outward unit normal at a point of the floor or of a shape."""
-    if hit != FLOOR:
-        return shape_normal(scene.shapes[hit], px, py, pz)
-    grid, step = scene.heights, 0.7 * SPACING
-    nx = on_floor(scene, grid, px - step, py) - on_floor(scene, grid, px + step, py)
-    ny = on_floor(scene, grid, px, py - step) - on_floor(scene, grid, px, py + step)
-    nz = 2.0 * step
-    length = math.sqrt(nx * nx + ny * ny + nz * nz)
-    return nx / length, ny / length, nz / length
 
 
 @njit(nogil=True, error_model="numpy")

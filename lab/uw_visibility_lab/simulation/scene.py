@@ -25,6 +25,7 @@ from uw_visibility_lab.simulation.shapes import (
     SHAPE_COLUMNS,
     axes_along,
     shape_row,
+    turned_axes,
 )
 
 SPACING = 0.04
@@ -106,19 +107,18 @@ def reef(seed: int = 0, length: float = 10.0, view: float = 30.0) -> Scene:
     for _ in range(int(0.28 * area)):
         x, y = _place(random, origin, extent, clear=0.5)
         _coral(builder, random, np.array([x, y, _height(heights, origin, x, y)]))
-    return _finish(builder, lattice, heights, origin)
-
-
-def flat_floor(seed: int = 0, *, texture: float = 1.0) -> Scene:
-    """Make a flat floor of 12 m around the origin; from above it is a flat wall.
-
-    texture: 1 for natural texture, 0 for none: one colour.
-    """
-    size = 12.0
-    samples = int(size / SPACING)
-    heights = np.zeros((samples, samples), np.float32)
-    origin = (-size / 2, -size / 2)
-    return _finish(_Builder(), np.float32(texture) * noise_lattice(seed), heights, origin)
+    # The start of a long way speaks for all of it.
+    slopes = np.hypot(*np.gradient(heights[:, :1000], SPACING))
+    return Scene(
+        lattice=lattice,
+        heights=heights,
+        openness=_openness(heights, origin, builder.shadows),
+        origin=origin,
+        highest=float(heights.max()),
+        steep=float(np.quantile(slopes, 0.98)),
+        shapes=np.array(builder.shapes).reshape(-1, SHAPE_COLUMNS),
+        appearance=np.array(builder.looks).reshape(-1, 8),
+    )
 
 
 @njit(nogil=True, error_model="numpy")
@@ -168,7 +168,7 @@ def _boulder(builder: _Builder, random: np.random.Generator, foot: Array) -> Non
         radii = size * random.uniform(0.45, 1.0, 3) * (1.0, 1.0, 0.8)
         offset = random.normal(0.0, 0.38, 3) * size * (1.0, 1.0, 0.5)
         centre = foot + offset + (0.0, 0.0, 0.25 * size)
-        builder.ellipsoid(centre, tuple(radii), _rotation(random, 0.5), look)
+        builder.ellipsoid(centre, tuple(radii), turned_axes(random, 0.5), look)
 
 
 def _coral(builder: _Builder, random: np.random.Generator, foot: Array) -> None:
@@ -193,7 +193,7 @@ def _coral(builder: _Builder, random: np.random.Generator, foot: Array) -> None:
         builder.shadow(foot[0], foot[1], 0.34 * size, 0.85)
         builder.capsule(foot - 0.05 * up, top, 0.045 * size, look)
         builder.ellipsoid(
-            top, (0.34 * size, 0.30 * size, 0.035 * size), _rotation(random, 0.15), look
+            top, (0.34 * size, 0.30 * size, 0.035 * size), turned_axes(random, 0.15), look
         )
     else:
         builder.shadow(foot[0], foot[1], 0.16 * size, 0.6)
@@ -224,32 +224,6 @@ def _lean(random: np.random.Generator, direction: Array, amount: float) -> Array
     """Turn a direction by a random amount, upwards rather than down."""
     turned = direction + random.normal(0.0, amount, 3) + (0.0, 0.0, 0.15)
     return turned / np.linalg.norm(turned)
-
-
-def _rotation(random: np.random.Generator, tilt: float) -> Array:
-    """Draw a rotation with a free heading and a limited tilt in rad."""
-    heading, roll = random.uniform(0.0, 2.0 * math.pi), random.normal(0.0, tilt)
-    c, s = math.cos(heading), math.sin(heading)
-    cr, sr = math.cos(roll), math.sin(roll)
-    return np.array([[c, s, 0.0], [-s * cr, c * cr, sr], [s * sr, -c * sr, cr]])
-
-
-def _finish(
-    builder: _Builder,
-    lattice: NDArray[np.float32],
-    heights: NDArray[np.float32],
-    origin: tuple[float, float],
-) -> Scene:
-    return Scene(
-        lattice=lattice,
-        heights=heights,
-        openness=_openness(heights, origin, builder.shadows),
-        origin=origin,
-        highest=float(heights.max()),
-        steep=float(np.quantile(np.hypot(*np.gradient(heights, SPACING)), 0.98)),
-        shapes=np.array(builder.shapes).reshape(-1, SHAPE_COLUMNS),
-        appearance=np.array(builder.looks).reshape(-1, 8),
-    )
 
 
 def _openness(

@@ -46,6 +46,14 @@ def axes_along(x: float, y: float, z: float) -> NDArray[np.float64]:
     return np.stack([first, np.cross(third, first), third])
 
 
+def turned_axes(random: np.random.Generator, tilt: float) -> NDArray[np.float64]:
+    """Draw axes (rows) that are turned about the vertical at random, and tilted by some rad."""
+    turn, tip = random.uniform(0.0, 2.0 * math.pi), tilt * random.standard_normal()
+    c, s = math.cos(turn), math.sin(turn)
+    ct, st = math.cos(tip), math.sin(tip)
+    return np.array([[c, s, 0.0], [-s * ct, c * ct, st], [s * st, -c * st, ct]])
+
+
 @njit(nogil=True, error_model="numpy")
 def meet_shape(
     shape: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float

@@ -30,6 +30,7 @@ from uw_visibility_lab.simulation.shapes import (
     Vector,
     axes_along,
     shape_row,
+    turned_axes,
 )
 from uw_visibility_lab.worlds.beliefs import count, draw, happens
 from uw_visibility_lab.worlds.geometry import (
@@ -221,16 +222,6 @@ class _Builder:
         """Add a shape; see `shape_row`."""
         self.shapes.append(shape_row(kind, centre, half, axes, material, bump))
 
-    def turned(self, lean: float) -> NDArray[np.float64]:
-        """Axes turned about the vertical at random, and tilted by some `lean` rad."""
-        rng = self.rng
-        turn, tip = rng.uniform(0.0, 2.0 * math.pi), lean * rng.standard_normal()
-        about = np.array([[math.cos(turn), math.sin(turn), 0.0],
-                          [-math.sin(turn), math.cos(turn), 0.0], [0.0, 0.0, 1.0]])
-        over = np.array([[1.0, 0.0, 0.0], [0.0, math.cos(tip), math.sin(tip)],
-                         [0.0, -math.sin(tip), math.cos(tip)]])
-        return np.asarray(over @ about)
-
     def place(self) -> tuple[float, float, float]:
         """Draw a point of the ground that is likely in view."""
         rng = self.rng
@@ -333,7 +324,7 @@ class _Builder:
             r = large * draw(rng, "shape.boulder_spread")
             half = r * np.array([draw(rng, "shape.boulder_axis") for _ in range(3)])
             if math.hypot(x, y, z - 1.0) > 1.6 * half.max():
-                self.add(ELLIPSOID, (x, y, z + 0.3 * r), half, self.pick(), self.turned(0.4),
+                self.add(ELLIPSOID, (x, y, z + 0.3 * r), half, self.pick(), turned_axes(rng, 0.4),
                          bump=draw(rng, "shape.boulder_bump"))
 
     def corals(self) -> None:
@@ -355,10 +346,10 @@ class _Builder:
                     self.add(CAPSULE, centre, (thin, thin, long), material, axes)
             elif form == MASSIVE:
                 self.add(ELLIPSOID, (x, y, z + 0.3 * r), (1.5 * r, 1.5 * r, r), material,
-                         self.turned(0.1), bump=0.25)
+                         turned_axes(rng, 0.1), bump=0.25)
             else:
                 self.add(BOX, (x, y, z + 1.5 * r), (1.8 * r, 0.08 * r, 1.5 * r), material,
-                         self.turned(0.3))
+                         turned_axes(rng, 0.3))
 
     def pipes(self) -> None:
         """Add pipes that lie on the ground."""
@@ -382,7 +373,7 @@ class _Builder:
                 half[int(rng.integers(3))] = 0.01
             if math.hypot(x, y, z - 1.0) > 1.5 * math.hypot(*half):
                 self.add(BOX, (x, y, z + 0.7 * half[2]), half, self.material(MADE),
-                         self.turned(0.3))
+                         turned_axes(rng, 0.3))
 
     def poles(self) -> None:
         """Add poles and ropes that stand."""
@@ -406,7 +397,8 @@ class _Builder:
                 int(rng.integers(self.size[0])), int(rng.integers(self.size[1]))]
             x, y, z = direction * draw(rng, "shape.fish_range") + np.array([0.0, 0.0, 1.0])
             if z > self.height(x, y) + r:
-                self.add(ELLIPSOID, (x, y, z), (2.5 * r, 0.5 * r, r), material, self.turned(0.1))
+                self.add(ELLIPSOID, (x, y, z), (2.5 * r, 0.5 * r, r), material,
+                         turned_axes(rng, 0.1))
 
     def overhang(self) -> None:
         """Add rocks above: an overhang, an arch or a cave's mouth."""
@@ -419,7 +411,7 @@ class _Builder:
             z = 1.0 + half[2] * draw(rng, "shape.overhang_up")
             inside = (x / half[0]) ** 2 + (y / half[1]) ** 2 + ((z - 1.0) / half[2]) ** 2
             if inside > 1.5:
-                self.add(ELLIPSOID, (x, y, z), half, material, self.turned(0.1), bump=0.15)
+                self.add(ELLIPSOID, (x, y, z), half, material, turned_axes(rng, 0.1), bump=0.15)
 
 
 # Lattices of noise are dear to make and alike: a few are enough, since points are shifted.

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from scenes import flat_floor
 
 from uw_visibility_lab.evaluation.lamps.survey import (
     CELL,
@@ -18,7 +19,6 @@ from uw_visibility_lab.evaluation.lamps.survey import (
 )
 from uw_visibility_lab.simulation.camera import NOISELESS, Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import Renderer
-from uw_visibility_lab.simulation.scene import flat_floor
 from uw_visibility_lab.simulation.water import Water
 
 CAMERA = StereoCamera(160, 120, 150.0, 0.12)
