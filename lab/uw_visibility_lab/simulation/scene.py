@@ -10,7 +10,6 @@ heads of coral are ellipsoids, branches are capsules.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,63 +60,32 @@ _CORALS = (
 )
 
 
-@dataclass
-class _Builder:
-    """Collects shapes."""
-
-    shapes: list[Array] = field(default_factory=list)
-    looks: list[tuple[float, ...]] = field(default_factory=list)
-    shadows: list[tuple[float, float, float, float]] = field(default_factory=list)
-
-    def ellipsoid(
-        self, centre: Array, radii: tuple[float, float, float], rotation: Array,
-        look: tuple[float, ...],
-    ) -> None:
-        """Add an ellipsoid; the rotation's rows are its axes."""
-        self.shapes.append(shape_row(ELLIPSOID, centre, radii, rotation))
-        self.looks.append(look)
-
-    def capsule(self, start: Array, end: Array, radius: float, look: tuple[float, ...]) -> None:
-        """Add a capsule."""
-        half = (radius, radius, float(np.linalg.norm(end - start)) / 2)
-        self.shapes.append(
-            shape_row(CAPSULE, (start + end) / 2, half, axes_along(*(end - start))))
-        self.looks.append(look)
-
-    def shadow(self, x: float, y: float, radius: float, strength: float) -> None:
-        """Darken the floor around a point."""
-        self.shadows.append((x, y, radius, strength))
-
-
 def reef(seed: int = 0, length: float = 10.0, view: float = 30.0) -> Scene:
     """Make a reef: sand and rock with boulders and corals along a transect.
 
     It leads from x = 0 over a length in m; things stand up to `view` m beyond its end.
     """
-    random = np.random.default_rng(seed)
     lattice = noise_lattice(seed)
     origin = (-2.0, -0.6 * view)
     extent = (length + view + 2.0, 1.2 * view)
     heights = _terrain(lattice, origin, extent)
-    builder = _Builder()
+    things = _Things(np.random.default_rng(seed), heights, origin, extent)
     area = extent[0] * extent[1]
     for _ in range(int(0.11 * area)):
-        x, y = _place(random, origin, extent, clear=0.9)
-        _boulder(builder, random, np.array([x, y, _height(heights, origin, x, y)]))
+        things.add_boulder()
     for _ in range(int(0.28 * area)):
-        x, y = _place(random, origin, extent, clear=0.5)
-        _coral(builder, random, np.array([x, y, _height(heights, origin, x, y)]))
+        things.add_coral()
     # The start of a long way speaks for all of it.
     slopes = np.hypot(*np.gradient(heights[:, :1000], SPACING))
     return Scene(
         lattice=lattice,
         heights=heights,
-        openness=_openness(heights, origin, builder.shadows),
+        openness=things.openness,
         origin=origin,
         highest=float(heights.max()),
         steep=float(np.quantile(slopes, 0.98)),
-        shapes=np.array(builder.shapes).reshape(-1, SHAPE_COLUMNS),
-        appearance=np.array(builder.looks).reshape(-1, 8),
+        shapes=np.array(things.shapes).reshape(-1, SHAPE_COLUMNS),
+        appearance=np.array(things.looks).reshape(-1, 8),
     )
 
 
@@ -137,108 +105,113 @@ def _terrain(lattice: Any, origin: tuple[float, float], extent: tuple[float, flo
     return heights
 
 
-def _place(
-    random: np.random.Generator,
-    origin: tuple[float, float],
-    extent: tuple[float, float],
-    clear: float,
-) -> tuple[float, float]:
-    """Draw a place that leaves the camera's way free."""
-    while True:
-        x = origin[0] + 1.0 + random.random() * (extent[0] - 2.0)
-        y = origin[1] + 1.0 + random.random() * (extent[1] - 2.0)
-        if abs(y) > clear:
-            return x, y
+class _Things:
+    """Boulders and corals on a floor, and the shade beneath them."""
 
+    def __init__(
+        self, random: np.random.Generator, heights: NDArray[np.float32],
+        origin: tuple[float, float], extent: tuple[float, float],
+    ) -> None:
+        self.random = random
+        self.heights, self.origin, self.extent = heights, origin, extent
+        self.openness = np.ones_like(heights)
+        self.shapes: list[Array] = []
+        self.looks: list[tuple[float, ...]] = []
 
-def _height(
-    heights: NDArray[np.float32], origin: tuple[float, float], x: float, y: float
-) -> float:
-    i = round((x - origin[0]) / SPACING)
-    j = round((y - origin[1]) / SPACING)
-    return float(heights[j, i])
+    def foot(self, clear: float) -> Array:
+        """Draw a point of the floor that leaves the camera's way free."""
+        while True:
+            x, y = (
+                first + 1.0 + self.random.random() * (size - 2.0)
+                for first, size in zip(self.origin, self.extent, strict=True))
+            if abs(y) > clear:
+                i, j = (
+                    round((v - first) / SPACING)
+                    for v, first in zip((x, y), self.origin, strict=True))
+                return np.array([x, y, self.heights[j, i]], np.float64)
 
+    def ellipsoid(
+        self, centre: Array, radii: tuple[float, float, float], rotation: Array,
+        look: tuple[float, ...],
+    ) -> None:
+        """Add an ellipsoid; the rotation's rows are its axes."""
+        self.shapes.append(shape_row(ELLIPSOID, centre, radii, rotation))
+        self.looks.append(look)
 
-def _boulder(builder: _Builder, random: np.random.Generator, foot: Array) -> None:
-    """Add a cluster of overlapping ellipsoids: a boulder that is not quite round."""
-    size = 0.14 + 0.42 * random.random() ** 2
-    look = _ROCK if random.random() < 0.7 else _PALE_ROCK
-    builder.shadow(foot[0], foot[1], 1.25 * size, 0.75)
-    for _ in range(random.integers(3, 6)):
-        radii = size * random.uniform(0.45, 1.0, 3) * (1.0, 1.0, 0.8)
-        offset = random.normal(0.0, 0.38, 3) * size * (1.0, 1.0, 0.5)
-        centre = foot + offset + (0.0, 0.0, 0.25 * size)
-        builder.ellipsoid(centre, tuple(radii), turned_axes(random, 0.5), look)
+    def capsule(self, start: Array, end: Array, radius: float, look: tuple[float, ...]) -> None:
+        """Add a capsule."""
+        half = (radius, radius, float(np.linalg.norm(end - start)) / 2)
+        self.shapes.append(
+            shape_row(CAPSULE, (start + end) / 2, half, axes_along(*(end - start))))
+        self.looks.append(look)
 
-
-def _coral(builder: _Builder, random: np.random.Generator, foot: Array) -> None:
-    """Add a coral of one of four growth forms."""
-    look = _CORALS[random.integers(len(_CORALS))]
-    size = random.uniform(0.8, 1.9)
-    up = np.array([0.0, 0.0, 1.0])
-    form = random.random()
-    if form < 0.4:
-        builder.shadow(foot[0], foot[1], 0.24 * size, 0.7)
-        for _ in range(3):
-            lean = _lean(random, up, 0.5)
-            _branch(builder, random, foot, lean, 0.15 * size, 0.030 * size, 3, look)
-    elif form < 0.6:
-        radius = 0.17 * size
-        builder.shadow(foot[0], foot[1], 1.4 * radius, 0.8)
-        builder.ellipsoid(
-            foot + 0.4 * radius * up, (radius, radius, 0.85 * radius), np.eye(3), look
-        )
-    elif form < 0.8:
-        top = foot + 0.22 * size * up
-        builder.shadow(foot[0], foot[1], 0.34 * size, 0.85)
-        builder.capsule(foot - 0.05 * up, top, 0.045 * size, look)
-        builder.ellipsoid(
-            top, (0.34 * size, 0.30 * size, 0.035 * size), turned_axes(random, 0.15), look
-        )
-    else:
-        builder.shadow(foot[0], foot[1], 0.16 * size, 0.6)
-        for _ in range(random.integers(3, 7)):
-            lean = _lean(random, up, 0.4)
-            radius = random.uniform(0.025, 0.05) * size
-            builder.capsule(
-                foot - 0.05 * up, foot + lean * random.uniform(0.15, 0.4) * size, radius, look
-            )
-
-
-def _branch(
-    builder: _Builder, random: np.random.Generator, start: Array, direction: Array,
-    length: float, radius: float, generations: int, look: tuple[float, ...],
-) -> None:
-    """Add a branch and, from its end, thinner ones."""
-    end = start + direction * length
-    builder.capsule(start, end, radius, look)
-    if generations > 0:
-        for _ in range(2 + (generations == 3)):
-            turned = _lean(random, direction, 0.75)
-            _branch(
-                builder, random, end, turned, 0.72 * length, 0.72 * radius, generations - 1, look
-            )
-
-
-def _lean(random: np.random.Generator, direction: Array, amount: float) -> Array:
-    """Turn a direction by a random amount, upwards rather than down."""
-    turned = direction + random.normal(0.0, amount, 3) + (0.0, 0.0, 0.15)
-    return turned / np.linalg.norm(turned)
-
-
-def _openness(
-    heights: NDArray[np.float32],
-    origin: tuple[float, float],
-    shadows: list[tuple[float, float, float, float]],
-) -> NDArray[np.float32]:
-    openness = np.ones_like(heights)
-    ny, nx = heights.shape
-    for x, y, radius, strength in shadows:
-        i, j, n = (int(v / SPACING) for v in (x - origin[0], y - origin[1], 2.0 * radius))
+    def shade(self, foot: Array, radius: float, strength: float) -> None:
+        """Darken the floor around a point."""
+        i, j, n = (int(v / SPACING) for v in (*(foot[:2] - self.origin), 2.0 * radius))
+        ny, nx = self.openness.shape
         rows = slice(max(j - n, 0), min(j + n + 2, ny))
         columns = slice(max(i - n, 0), min(i + n + 2, nx))
-        dy = origin[1] + np.arange(rows.start, rows.stop) * SPACING - y
-        dx = origin[0] + np.arange(columns.start, columns.stop) * SPACING - x
+        dy = self.origin[1] + np.arange(rows.start, rows.stop) * SPACING - foot[1]
+        dx = self.origin[0] + np.arange(columns.start, columns.stop) * SPACING - foot[0]
         squared = (dx[np.newaxis] ** 2 + dy[:, np.newaxis] ** 2) / radius**2
-        openness[rows, columns] *= (1.0 - strength * np.exp(-1.4 * squared**2)).astype(np.float32)
-    return openness
+        light = 1.0 - strength * np.exp(-1.4 * squared**2)
+        self.openness[rows, columns] *= light.astype(np.float32)
+
+    def add_boulder(self) -> None:
+        """Add a cluster of overlapping ellipsoids: a boulder that is not quite round."""
+        random, foot = self.random, self.foot(clear=0.9)
+        size = 0.14 + 0.42 * random.random() ** 2
+        look = _ROCK if random.random() < 0.7 else _PALE_ROCK
+        self.shade(foot, 1.25 * size, 0.75)
+        for _ in range(random.integers(3, 6)):
+            radii = size * random.uniform(0.45, 1.0, 3) * (1.0, 1.0, 0.8)
+            offset = random.normal(0.0, 0.38, 3) * size * (1.0, 1.0, 0.5)
+            centre = foot + offset + (0.0, 0.0, 0.25 * size)
+            self.ellipsoid(centre, tuple(radii), turned_axes(random, 0.5), look)
+
+    def add_coral(self) -> None:
+        """Add a coral of one of four growth forms."""
+        random, foot = self.random, self.foot(clear=0.5)
+        look = _CORALS[random.integers(len(_CORALS))]
+        size = random.uniform(0.8, 1.9)
+        up = np.array([0.0, 0.0, 1.0])
+        form = random.random()
+        if form < 0.4:
+            self.shade(foot, 0.24 * size, 0.7)
+            for _ in range(3):
+                self.branch(foot, self.lean(up, 0.5), 0.15 * size, 0.030 * size, 3, look)
+        elif form < 0.6:
+            radius = 0.17 * size
+            self.shade(foot, 1.4 * radius, 0.8)
+            self.ellipsoid(
+                foot + 0.4 * radius * up, (radius, radius, 0.85 * radius), np.eye(3), look)
+        elif form < 0.8:
+            top = foot + 0.22 * size * up
+            self.shade(foot, 0.34 * size, 0.85)
+            self.capsule(foot - 0.05 * up, top, 0.045 * size, look)
+            self.ellipsoid(
+                top, (0.34 * size, 0.30 * size, 0.035 * size), turned_axes(random, 0.15), look)
+        else:
+            self.shade(foot, 0.16 * size, 0.6)
+            for _ in range(random.integers(3, 7)):
+                lean = self.lean(up, 0.4)
+                radius = random.uniform(0.025, 0.05) * size
+                end = foot + lean * random.uniform(0.15, 0.4) * size
+                self.capsule(foot - 0.05 * up, end, radius, look)
+
+    def branch(
+        self, start: Array, direction: Array, length: float, radius: float, generations: int,
+        look: tuple[float, ...],
+    ) -> None:
+        """Add a branch and, from its end, thinner ones."""
+        end = start + direction * length
+        self.capsule(start, end, radius, look)
+        if generations > 0:
+            for _ in range(2 + (generations == 3)):
+                turned = self.lean(direction, 0.75)
+                self.branch(end, turned, 0.72 * length, 0.72 * radius, generations - 1, look)
+
+    def lean(self, direction: Array, amount: float) -> Array:
+        """Turn a direction by a random amount, upwards rather than down."""
+        turned = direction + self.random.normal(0.0, amount, 3) + (0.0, 0.0, 0.15)
+        return np.asarray(turned / np.linalg.norm(turned))
