@@ -112,7 +112,7 @@ class Renderer:
         radiances = [
             np.where(
                 np.isfinite(v.range)[..., np.newaxis],
-                v.radiance if v.surfaces is None else v.surfaces.reflectance, np.float32(1.0),
+                v.reflectance if with_lamps else v.radiance, np.float32(1.0),
             )
             for v in views
         ]
@@ -162,8 +162,7 @@ class Renderer:
         rotation = pose.rotation()
         eye = np.array(pose.position) + offset * rotation[:, 0]
         rays = camera.rig.ray_directions((camera.height, camera.width))
-        view = look(
-            scene, camera, eye, rotation, self.workers, surfaces=bool(self.lighting.lamps))
+        view = look(scene, camera, eye, rotation, self.workers)
         geometry = Geometry.of_rays(rays, rotation[2], pose.position[2])
         return CameraView(view, geometry, rays, eye, rotation, offset)
 

@@ -183,8 +183,7 @@ def form_lamp_image(
     lit: CameraView, water: Water, lighting: Lighting, lamps: tuple[Lamp, ...], workers: Workers
 ) -> Map:
     """Irradiance of an image by the light of lamps alone; 0 without lamps."""
-    view, surfaces = lit.view, lit.view.surfaces
-    assert surfaces is not None  # `Renderer.look` sees them where there are lamps
+    view = lit.view
     beta = water.attenuation()
     scattering = beta * lighting.scattering_albedo
     lamps = seen_from(lamps, lit.offset)
@@ -196,11 +195,11 @@ def form_lamp_image(
             scatter(rays, ranges, lamps, beta, scattering, lighting.phase_function, workers),
         )
 
-    direct, veil = parts(lit.rays, view.range, surfaces.reflectance, surfaces.normals)
+    direct, veil = parts(lit.rays, view.range, view.reflectance, view.normals)
     if len(view.edge_range) > 0:
         # A pixel at an edge is the mean of what its quarters see.
         quarters = np.repeat(lit.rays[view.edges][:, np.newaxis], 4, axis=1)
-        edges = parts(quarters, view.edge_range, surfaces.edge_reflectance, surfaces.edge_normals)
+        edges = parts(quarters, view.edge_range, view.edge_reflectance, view.edge_normals)
         direct[view.edges], veil[view.edges] = (part.mean(axis=1) for part in edges)
     if water.effects.blur > 0.0:
         direct = blur_by_range(direct, view.range, water.effects.blur)

@@ -133,7 +133,7 @@ def look_at(
     """Write the normalised radiance in daylight of a point on the floor or on a shape.
 
     footprint: width of a pixel there in m.
-    seen: takes the radiance and, where there is room, reflectance and unit normal.
+    seen: (9,), takes the radiance, the reflectance and the unit normal.
     """
     if hit == FLOOR:
         grid, step = scene.heights, 0.7 * SPACING
@@ -158,9 +158,8 @@ def look_at(
     else:
         r, g, b = shape_radiance(scene.lattice, scene.appearance[hit], px, py, pz, footprint)
     seen[0], seen[1], seen[2] = light * r, light * g, light * b
-    if len(seen) > 3:
-        seen[3], seen[4], seen[5] = r, g, b
-        seen[6], seen[7], seen[8] = nx, ny, nz
+    seen[3], seen[4], seen[5] = r, g, b
+    seen[6], seen[7], seen[8] = nx, ny, nz
 
 
 @njit(nogil=True, error_model="numpy")

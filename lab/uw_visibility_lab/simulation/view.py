@@ -32,49 +32,38 @@ TILE = 16
 
 
 @dataclass(frozen=True)
-class Surfaces:
-    """What a view shows, apart from daylight: for light that comes from elsewhere."""
-
-    reflectance: Map  # (H, W, 3); reflectance at the end of each ray; 0 for open water
-    normals: Map  # (H, W, 3); outward unit normals there, in the world's axes
-    # edge_reflectance, edge_normals: (n, 4, 3); the same in each quarter of the pixels at edges
-    edge_reflectance: Map
-    edge_normals: Map
-
-
-@dataclass(frozen=True)
 class View:
     """One camera's view of a scene, in air."""
 
     range: Map  # (H, W); distance along the ray through each pixel's centre in m; inf = open water
-    radiance: Map  # (H, W, 3); normalised radiance at the end of that ray; 0 for open water
+    radiance: Map  # (H, W, 3); normalised radiance in daylight at its end; 0 for open water
+    reflectance: Map  # (H, W, 3); reflectance there
+    normals: Map  # (H, W, 3); outward unit normals there, in the world's axes
     # (n,); rows and columns of pixels that see more than one surface
     edges: tuple[NDArray[np.int64], NDArray[np.int64]]
-    edge_range: Map  # (n, 4); range in each quarter of these pixels
-    edge_radiance: Map  # (n, 4, 3); radiance in each quarter of these pixels
-    surfaces: Surfaces | None = None  # where asked for
+    # edge_range: (n, 4), others (n, 4, 3); the same in each quarter of these pixels
+    edge_range: Map
+    edge_radiance: Map
+    edge_reflectance: Map
+    edge_normals: Map
 
     @classmethod
     def of_pixels(cls, radiance: Map, ranges: Map) -> View:
-        """Take an image in air and its ranges, each pixel a sample of one surface."""
-        none = np.zeros(0, np.int64)
+        """Take an image in daylight and its ranges, each pixel a sample of one surface."""
+        nowhere, none = np.zeros(0, np.int64), np.zeros((0, 4, 3), np.float32)
         return cls(
-            ranges, radiance, (none, none), np.zeros((0, 4), np.float32),
-            np.zeros((0, 4, 3), np.float32),
-        )
+            ranges, radiance, radiance, np.zeros_like(radiance), (nowhere, nowhere),
+            none[..., 0], none, none, none)
 
 
 def look(
-    scene: Scene, camera: StereoCamera, eye: Array, rotation: Array, workers: Workers,
-    *, surfaces: bool = False,
+    scene: Scene, camera: StereoCamera, eye: Array, rotation: Array, workers: Workers
 ) -> View:
     """Cast the rays of one camera: one per pixel, and four more where surfaces meet.
 
     Elsewhere textures are smoothed to the pixel's footprint, which one ray can sample.
     rotation: axes of the optical frame as columns.
-    surfaces: whether reflectance and normals are wanted too.
     """
-    width = 9 if surfaces else 3
     size = (camera.height, camera.width)
     bounds = scene.shapes[:, [1, 2, 3, 16]]
     tiles = assign_to_tiles(bounds, camera, eye, rotation, MAX_RANGE)
@@ -82,15 +71,18 @@ def look(
 
     def cast(
         rows: NDArray[np.floating], columns: NDArray[np.floating]
-    ) -> tuple[Map, NDArray[np.int32], Map]:
-        """Range, surface, and what is seen there, of the rays through points of the image."""
+    ) -> tuple[Map, NDArray[np.int32], tuple[Map, Map, Map]]:
+        """Range, surface, and what `look_at` sees of the rays through points of the image."""
         ranges, hits = np.empty(rows.shape, np.float32), np.empty(rows.shape, np.int32)
-        seen = np.zeros((*rows.shape, width), np.float32)
+        seen = np.zeros((*rows.shape, 9), np.float32)
         if rows.size > 0:
             workers.rows(
                 _cast, rows.size, scene, tiles, eye, rotation, optics, columns.ravel(),
-                rows.ravel(), ranges.ravel(), hits.ravel(), seen.reshape(-1, width))
-        return ranges, hits, seen
+                rows.ravel(), ranges.ravel(), hits.ravel(), seen.reshape(-1, 9))
+        radiance, reflectance, normals = np.split(seen, 3, axis=-1)
+        return ranges, hits, (
+            np.ascontiguousarray(radiance), np.ascontiguousarray(reflectance),
+            np.ascontiguousarray(normals))
 
     v, u = np.indices(size, np.float64)
     ranges, hits, seen = cast(v, u)
@@ -98,12 +90,7 @@ def look(
     edge_range, _, edge_seen = cast(
         rows[:, np.newaxis] + np.array([-0.25, -0.25, 0.25, 0.25]),
         columns[:, np.newaxis] + np.array([-0.25, 0.25, -0.25, 0.25]))
-    (radiance, *of_pixels), (edge_radiance, *of_edges) = (
-        [np.ascontiguousarray(values[..., first:first + 3]) for first in range(0, width, 3)]
-        for values in (seen, edge_seen)
-    )
-    found = Surfaces(*of_pixels, *of_edges) if surfaces else None
-    return View(ranges, radiance, (rows, columns), edge_range, edge_radiance, found)
+    return View(ranges, *seen, (rows, columns), edge_range, *edge_seen)
 
 
 def _edges(ranges: Map, hits: NDArray[np.int32]) -> Mask:

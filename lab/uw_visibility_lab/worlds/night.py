@@ -139,14 +139,10 @@ def _draw_rig(
     lamps = by_lamps.draw_lamps(rng)
     # Clear water absorbs red, and hardly scatters.
     scattering = particles * np.array([draw(rng, "lamps.albedo") for _ in range(3)])
-    beam = gaussian_beam
-    for name, form in (
-        ("cosine beam", by_lamps.cosine_beam), ("rimmed beam", by_lamps.rimmed_beam)
-    ):
-        beam = form if name in names else beam
-    phase = HENYEY_GREENSTEIN
-    for name, form in (("fournier-forand", FOURNIER_FORAND), ("two terms", by_lamps.TWO_TERMS)):
-        phase = form if name in names else phase
+    beams = {"cosine beam": by_lamps.cosine_beam, "rimmed beam": by_lamps.rimmed_beam}
+    phases = {"fournier-forand": FOURNIER_FORAND, "two terms": by_lamps.TWO_TERMS}
+    beam = next((beams[name] for name in names if name in beams), gaussian_beam)
+    phase = next((phases[name] for name in names if name in phases), HENYEY_GREENSTEIN)
     return by_lamps.Rig(lamps, scattering, phase, beam)
 
 
