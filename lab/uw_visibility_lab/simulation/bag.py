@@ -35,9 +35,8 @@ from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.bags.writer import BagWriter
 from uw_visibility.replay.inputs.sensors import geographic
 from uw_visibility_lab.simulation.camera import StereoCamera
-from uw_visibility_lab.simulation.frame import RenderedFrame
 from uw_visibility_lab.simulation.lamps import Lamp, lighting_parameters
-from uw_visibility_lab.simulation.transect import Transect
+from uw_visibility_lab.simulation.transect import Transect, TransectFrame
 from uw_visibility_lab.simulation.view import MAX_RANGE
 
 TOPICS = {
@@ -93,7 +92,7 @@ def write_transect(
     position: tuple[float, float] | None = None,
     overwrite: bool = False,
     workers: Workers | None = None,
-    progress: Callable[[Iterator[tuple[float, RenderedFrame]]], Any] = iter,
+    progress: Callable[[Iterator[TransectFrame]], Any] = iter,
 ) -> None:
     """Simulate a transect and record it.
 

@@ -8,6 +8,7 @@ import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import check_range
@@ -71,11 +72,8 @@ class Transect:
         """Way from the first to the last frame in m."""
         return self.speed * (self.frames - 1) / self.rate
 
-    def render(self, workers: Workers | None = None) -> Iterator[tuple[float, RenderedFrame]]:
-        """Render the frames in turn, each with its time in s from the start.
-
-        Without workers a thread for each processor renders them.
-        """
+    def render(self, workers: Workers | None = None) -> Iterator[TransectFrame]:
+        """Render the transect's frames in turn, by a thread for each processor where absent."""
         renderer = Renderer(
             self.camera, self.sensor, self.effects, workers or Workers(), self.camera_effects,
             self.lighting,
@@ -91,7 +89,7 @@ class Transect:
                 scene, self._pose(time), self._water(progress, exposure),
                 seed=self.seed * 1_000_003 + index, time=time, index=index,
             )
-            yield time, frame
+            yield TransectFrame(time, frame)
 
     def _meter(self, renderer: Renderer, scene: Scene) -> float:
         """Return the exposure of a transect under lamps: fixed, as where colours must agree."""
@@ -123,6 +121,13 @@ class Transect:
             tilt=math.radians(self.tilt + 1.5 * math.sin(0.8 * time)),
             roll=math.radians(2.0) * math.sin(0.6 * time + 0.5),
         )
+
+
+class TransectFrame(NamedTuple):
+    """A frame and its time in s from the start."""
+
+    time: float
+    frame: RenderedFrame
 
 
 def _ease(ends: tuple[float, float], progress: float) -> float:
