@@ -58,5 +58,5 @@ def test_lamps_take_the_place_of_daylight() -> None:
 
 
 def test_an_unknown_kind_is_refused_with_those_there_are() -> None:
-    with pytest.raises(InputError, match="boulders, poles, reef"):
+    with pytest.raises(InputError, match="boulders, reef"):
         draw_scene(1, "wreck")

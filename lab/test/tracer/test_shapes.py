@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from uw_visibility_lab.tracer.shapes import (
-    box,
-    cylinder,
     fractal,
     grid_faces,
     painted,
@@ -37,16 +35,6 @@ def test_the_sphere_is_closed_and_faces_one_way() -> None:
     assert np.linalg.norm(vertices, axis=1) == pytest.approx(1.0)
     assert abs(volume(vertices, faces)) == pytest.approx(4.0 * np.pi / 3.0, rel=0.01)
     assert area(vertices, faces) == pytest.approx(4.0 * np.pi, rel=0.01)
-
-
-def test_the_box_is_a_cube_of_side_two() -> None:
-    vertices, faces = box(8)
-    assert abs(volume(vertices, faces)) == pytest.approx(8.0)
-    assert area(vertices, faces) == pytest.approx(24.0)
-
-
-def test_the_cylinder_has_a_mantle_only() -> None:
-    assert area(*cylinder(200, 3)) == pytest.approx(2.0 * np.pi, rel=0.001)
 
 
 def test_the_polar_grid_goes_all_round_without_a_gap() -> None:

@@ -10,10 +10,10 @@ import pytest
 from uw_visibility.errors import InputError
 from uw_visibility_lab.tracer.truth import (
     fit_decay,
+    open_water,
     range_bins,
     scene_light,
     transmissions,
-    veil_at_infinity,
 )
 
 BETA = np.array([0.4, 0.15, 0.1])
@@ -62,25 +62,10 @@ def test_light_below_its_noise_tells_no_attenuation() -> None:
 
 
 def test_open_water_is_the_veil() -> None:
-    image, black, _, ranges = view(open_rows=10)
-    veil, source = veil_at_infinity(image, black, ranges)
-    assert source == "open water"
-    assert veil == pytest.approx(VEIL + BOUNCE)
-
-
-def test_without_open_water_the_veil_grows_towards_it() -> None:
-    image, black, _, ranges = view()
-    veil, source = veil_at_infinity(image, black, ranges)
-    assert source == "growth over range"
-    assert veil == pytest.approx(VEIL, rel=0.05)
-
-
-def test_the_veil_does_not_depend_on_the_precision_of_ranges() -> None:
-    """Files hold them in 32 bit; versions of NumPy compute on with those in different precision."""
-    image, black, _, ranges = view()
-    single = ranges.astype(np.float32)
-    one, other = (veil_at_infinity(image, black, r) for r in (single, single.astype(np.float64)))
-    np.testing.assert_array_equal(one[0], other[0])
+    image, _, _, ranges = view(open_rows=10)
+    assert open_water(image, ranges) == pytest.approx(VEIL + BOUNCE)
+    image, _, _, ranges = view()
+    assert np.isnan(open_water(image, ranges)).all()
 
 
 def test_the_light_is_radiance_over_reflectance() -> None:

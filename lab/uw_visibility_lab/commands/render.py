@@ -32,13 +32,14 @@ in each folder:
                           with no water before them), raw and raw_black (before denoising)
   left_srgb.png           to look at
   truth.json              written last: absorption, scattering, phase function, attenuation of
-                          surfaces' light with its σ, veil, light, calibration"""
+                          surfaces' light with its σ, veil (null where too little open water
+                          is in view), light, calibration"""
 
 OPTIONS: Options = {
     "-o --output FOLDER": (REQUIRED, "folder of the scenes' folders", Path),
     "--scenes N": (40, "scenes"),
     "--seed N": (1, "seed of the first; the others' follow"),
-    "--kinds KIND,...": ("boulders,reef", "of boulders, reef and poles, in turn"),
+    "--kinds KIND,...": ("boulders,reef", "of boulders and reef, in turn"),
     "--size WxH": ("320x240", "width and height of an image, px"),
     "--samples N": (128, "paths for each pixel and channel"),
     "--stereo": (False, "render the right view, too"),

@@ -17,12 +17,7 @@ from uw_visibility.images.arrays import Array
 from uw_visibility.images.files import read_image, write_png
 from uw_visibility.optics.transfer import from_linear
 from uw_visibility_lab.tracer.scene import Description
-from uw_visibility_lab.tracer.truth import (
-    fit_decay,
-    scene_light,
-    transmissions,
-    veil_at_infinity,
-)
+from uw_visibility_lab.tracer.truth import fit_decay, open_water, scene_light, transmissions
 
 TRUTH = "truth.json"
 """Written last: a folder that has it is complete."""
@@ -75,7 +70,6 @@ def truth_of(
     # A denoised veil is smooth, but its mean may be off: the raw one.
     attenuation, stddev = fit_decay(*transmissions(
         arrays["raw"], arrays["raw_black"], arrays["surface"], ranges))
-    veil, source = veil_at_infinity(arrays["image"], arrays["black"], ranges)
     water = description.water
     seen = ranges[np.isfinite(ranges)]
     return {
@@ -89,8 +83,7 @@ def truth_of(
         "beam_attenuation": _listed(water.beam_attenuation),
         "single_scattering_albedo": _listed(water.albedo),
         "attenuation": {"attenuation": _listed(attenuation), "stddev": _listed(stddev)},
-        "veil": _listed(veil),
-        "veil_source": source,
+        "veil": _listed(open_water(arrays["image"], ranges)),
         "light": _listed(scene_light(arrays["surface"], arrays["reflectance"], ranges)),
         "ranges": _listed(np.quantile(seen, [0.01, 0.5, 0.99])),
         "open_water": round(float(1.0 - np.isfinite(ranges).mean()), 5),

@@ -15,8 +15,6 @@ from uw_visibility.images.arrays import Array
 from uw_visibility_lab.simulation.phase_functions import FOURNIER_FORAND, HENYEY_GREENSTEIN
 from uw_visibility_lab.tracer.shapes import (
     Shape,
-    box,
-    cylinder,
     fractal,
     grid_faces,
     painted,
@@ -39,7 +37,7 @@ BEAM = (0.07, 0.5)
 ALBEDO = (0.2, 0.85)
 """Single-scattering albedo of any channel; lower in red, where water itself absorbs."""
 
-TILTS = {"boulders": (5.0, 60.0), "reef": (0.0, 25.0), "poles": (0.0, 45.0)}
+TILTS = {"boulders": (5.0, 60.0), "reef": (0.0, 25.0)}
 """Of the camera below the horizon, degrees: open water stays in view of a reef."""
 
 FIELD_OF_VIEW, BASELINE = 60.0, 0.12
@@ -138,7 +136,7 @@ def draw_scene(seed: int, kind: str, lamps: int = 0) -> Description:
     """
     if kind not in KINDS:
         raise InputError(f"no kind of scene {kind!r}: give one of {', '.join(sorted(KINDS))}")
-    random = np.random.default_rng([seed, sorted(KINDS).index(kind)])
+    random = np.random.default_rng([seed, KINDS[kind][0]])
     water = draw_water(random)
     depth = math.exp(random.uniform(math.log(1.5), math.log(15.0)))
     tilt = random.uniform(*TILTS[kind])
@@ -156,8 +154,8 @@ def draw_scene(seed: int, kind: str, lamps: int = 0) -> Description:
 
 def shapes_of(description: Description) -> list[Shape]:
     """Return the meshes of a scene, below the surface and at least 0.8 m from the camera."""
-    random = np.random.default_rng([description.seed, 77, sorted(KINDS).index(description.kind)])
-    shapes = KINDS[description.kind](random, description)
+    stream, make = KINDS[description.kind]
+    shapes = make(np.random.default_rng([description.seed, 77, stream]), description)
     top = description.altitude + description.depth - 0.3
     for shape in shapes:
         shape.vertices[:, 2] = np.minimum(shape.vertices[:, 2], top)
@@ -291,47 +289,6 @@ def _reef(random: np.random.Generator, description: Description) -> list[Shape]:
     return shapes
 
 
-def _poles(random: np.random.Generator, description: Description) -> list[Shape]:
-    floor, height = _floor(random, random.uniform(0.05, 0.25), random.uniform(0.0, 0.02),
-                           _sand(random))
-    shapes = [floor]
-    paint = np.array([[0.55, 0.53, 0.50], [0.50, 0.40, 0.08], [0.40, 0.10, 0.07],
-                      [0.10, 0.14, 0.25], [0.12, 0.12, 0.11], [0.24, 0.22, 0.20]])
-    for k in range(int(random.integers(12, 24))):
-        size = random.uniform(0.1, 0.5)
-        at = _place(random, 1.0 + size, 9.0)
-        at[0, 2] = height(at)[0]
-        seed = int(random.integers(1 << 20))
-        chosen = paint[random.choice(len(paint), 2, replace=False)]
-        palette = np.concatenate([chosen, _growth(random)[:2]]) * random.uniform(0.7, 1.2)
-        if k % 3 == 0:
-            vertices, faces = box(60)
-            turned = (vertices * random.uniform(0.5, 1.5, 3) * size) @ rotation(
-                random.normal(size=3) * [0.2, 0.2, 1.0], random.uniform(0.0, 3.0)).T
-            turned[:, 2] += 0.6 * size
-            spacing = size / 30.0
-        else:
-            vertices, faces = cylinder(90, 260)
-            length = random.uniform(1.5, 5.0) if k % 3 == 1 else random.uniform(2.0, 6.0)
-            radius = random.uniform(0.05, 0.18)
-            turned = vertices * [radius, radius, length]
-            if k % 3 == 2:
-                # A pipe that lies on the floor, across the view, sunk by half its radius.
-                turned = turned - [0.0, 0.0, length / 2.0]
-                turned = turned @ rotation(np.array([1.0, 0.0, 0.0]), np.pi / 2.0).T
-                turned = turned @ rotation(
-                    np.array([0.0, 0.0, 1.0]), random.uniform(-0.6, 0.6)).T
-                at += [[length / 2.0, 0.0, 0.5 * radius]]
-            else:
-                turned = turned @ rotation(
-                    random.normal(size=3) * [1.0, 1.0, 0.0], random.uniform(0.0, 0.15)).T
-            spacing = length / 260.0
-        placed = at[0] + turned
-        colour = painted(placed, palette, seed, 0.35, 0.04, 0.35, spacing)
-        shapes.append(Shape(placed, faces, colour))
-    return shapes
-
-
-KINDS: dict[str, Callable[[np.random.Generator, Description], list[Shape]]] = {
-    "boulders": _boulders, "reef": _reef, "poles": _poles}
-"""What stands before the camera, by name."""
+KINDS: dict[str, tuple[int, Callable[[np.random.Generator, Description], list[Shape]]]] = {
+    "boulders": (0, _boulders), "reef": (2, _reef)}
+"""What stands before the camera, by name, each with random numbers of its own."""

@@ -75,20 +75,6 @@ def sphere(subdivisions: int) -> tuple[Array, Array]:
     return np.concatenate(vertices), np.concatenate(faces).astype(np.uint32)
 
 
-def box(subdivisions: int) -> tuple[Array, Array]:
-    """Cube of -1 .. 1: vertices (N, 3), faces (M, 3), edges not shared."""
-    vertices, faces = sphere(subdivisions)
-    return vertices / np.abs(vertices).max(axis=1, keepdims=True), faces
-
-
-def cylinder(around: int, along: int) -> tuple[Array, Array]:
-    """Open cylinder of radius 1 about z, z in 0 .. 1: vertices (N, 3), faces (M, 3)."""
-    height, angle = np.meshgrid(
-        np.linspace(0.0, 1.0, along), np.linspace(0.0, 2.0 * np.pi, around), indexing="ij")
-    vertices = np.stack([np.cos(angle), np.sin(angle), height], -1).reshape(-1, 3)
-    return vertices, grid_faces(along, around)
-
-
 def rotation(axis: Array, angle: float) -> Array:
     """Return the matrix (3, 3) that turns by an angle in rad about an axis (3,)."""
     x, y, z = axis / np.linalg.norm(axis)

@@ -100,37 +100,15 @@ def _fit(distance: Array, value: Array, noise: Array) -> tuple[float, float]:
     return float(fit.x[1]), math.sqrt(float(covariance[1, 1]))
 
 
-def veil_at_infinity(image: Array, veil: Array, ranges: Array) -> tuple[Array, str]:
-    """Veil B: open water where it is in view, else what the veil's growth with range comes to.
+def open_water(image: Array, ranges: Array) -> Array:
+    """Veil B: the median of open water, (3,); NaN where too little of it is in view.
 
-    image, veil: (H, W, 3), light in water, and the same with black surfaces.
-    ranges: (H, W), m, NaN in open water.
-    Returns `veil`, (3,), NaN where ranges are too short to tell it; `source`, "open water", or
-    "growth over range".
+    image: (H, W, 3). ranges: (H, W), m, NaN in open water.
     """
     opened = ~np.isfinite(ranges)
-    if opened.mean() >= LEAST_OPEN:
-        return np.median(image[opened], axis=0), "open water"
-    parts = range_bins(ranges)
-    # In 64 bit: NumPy 1 computes an array of 32 with scalars of 64 in 32 bit, NumPy 2 in 64, and
-    # derivatives by differences need 64.
-    along = np.ravel(ranges).astype(float)
-    distance = np.array([along[part].mean() for part in parts])
-    flat = np.asarray(veil, float).reshape(-1, 3)
-    found = np.full(3, np.nan)
-    for channel in range(3):
-        grown = np.array([flat[part, channel].mean() for part in parts])
-        top = max(float(grown.max()), 1e-12)
-
-        def residual(unknown: Array, grown: Array = grown, top: float = top) -> Array:
-            level = np.exp(unknown[0]) * -np.expm1(-np.exp(unknown[1]) * distance)
-            return np.asarray(level - grown / top)
-
-        fit = least_squares(residual, [0.3, -1.5], loss="soft_l1", f_scale=0.02)
-        # An infinity beyond three times what is seen is no measurement.
-        if fit.x[0] < math.log(3.0):
-            found[channel] = top * math.exp(fit.x[0])
-    return found, "growth over range"
+    if opened.mean() < LEAST_OPEN:
+        return np.full(3, np.nan)
+    return np.asarray(np.median(image[opened], axis=0))
 
 
 def scene_light(surface: Array, reflectance: Array, ranges: Array) -> Array:
