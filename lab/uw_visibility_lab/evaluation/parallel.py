@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
 from dataclasses import replace
+from itertools import repeat
 from typing import Any
 
 import cv2
@@ -30,17 +30,11 @@ def run_all(
 
     function: takes a piece and the arguments; of a module, so that processes can find it.
     """
+    each = [pieces, *(repeat(argument) for argument in arguments)]
     if jobs == 1:
-        one_by_one = ((i, function(piece, *arguments)) for i, piece in enumerate(pieces))
-        results = dict(progress(one_by_one, len(pieces)))
-    else:
-        with process_pool(jobs, cv2.setNumThreads, _threads_each(jobs)) as pool:
-            futures = {
-                pool.submit(function, piece, *arguments): i for i, piece in enumerate(pieces)
-            }
-            done = ((futures[future], future.result()) for future in as_completed(futures))
-            results = dict(progress(done, len(pieces)))
-    return [results[index] for index in range(len(pieces))]
+        return list(progress(map(function, *each), len(pieces)))
+    with process_pool(jobs, cv2.setNumThreads, _threads_each(jobs)) as pool:
+        return list(progress(pool.map(function, *each), len(pieces)))
 
 
 def run_cases(
