@@ -8,40 +8,27 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Array, DisparityMap, Map
 from uw_visibility.optics.transfer import to_linear
 
-# Linear sRGB to CIE XYZ under D65, IEC 61966-2-1.
-XYZ_OF_RGB = np.array(
-    [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
-)
-# CIE 15: constants of CIE 1976 L*a*b*.
-LAB_EDGE = 6 / 29
-
 BINS = 10
 """Of confidence, from 0 to 1."""
 
 
-def lab(image: NDArray[np.generic], transfer: str = "srgb") -> Array:
-    """Convert RGB to CIE 1976 L*a*b*; sRGB's primaries, white is D65 and has L* = 100.
+def lab(image: NDArray[np.generic]) -> Map:
+    """Convert RGB, (H, W, 3), to CIE 1976 L*a*b*; sRGB's primaries, white is D65 and has L* = 100.
 
-    image: (..., 3), code values; float32 is linear, 0..1.
-    transfer: ``srgb``: code values are shown on a display as they are, which is how colour
-        differences of pictures are usually given. ``linear``: they are proportional to light.
+    Code values are shown on a display as they are, which is how colour differences of pictures
+    are usually given; float32 is linear, 0..1.
     """
-    light = to_linear(image, transfer).astype(np.float64)
-    ratio = light @ XYZ_OF_RGB.T / XYZ_OF_RGB.sum(axis=1)
-    root = np.where(
-        ratio > LAB_EDGE**3, np.cbrt(ratio), ratio / (3 * LAB_EDGE**2) + 4 / 29
-    )
-    x, y, z = root[..., 0], root[..., 1], root[..., 2]
-    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
+    return np.asarray(cv2.cvtColor(to_linear(image, "srgb"), cv2.COLOR_LRGB2LAB))
 
 
-def colour_difference(first: NDArray[np.generic], second: NDArray[np.generic]) -> Array:
+def colour_difference(first: NDArray[np.generic], second: NDArray[np.generic]) -> Map:
     """CIE 1976 colour difference ΔE*ab of each pixel, see `lab`; 2.3 is just noticeable."""
     return np.asarray(np.linalg.norm(lab(first) - lab(second), axis=-1))
 
