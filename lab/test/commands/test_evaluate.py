@@ -55,11 +55,14 @@ def test_two_scenes_of_one_name(scene, capsys, tmp_path):
 def test_a_folder_in_use(scene, tmp_path, capsys):
     out = tmp_path / "out"
     out.mkdir()
-    (out / "notes.txt").write_text("precious")
-    assert "not empty" in refuse(capsys, scene, "-o", out)
+    (out / "cases.csv").write_text("precious")
     # --force replaces earlier results only.
-    assert "not left by an evaluation" in refuse(capsys, scene, "-o", out, "--force")
-    assert (out / "notes.txt").read_text() == "precious"
+    for words in ([], ["--force"]):
+        assert "not left by an evaluation" in refuse(capsys, scene, "-o", out, *words)
+    assert (out / "cases.csv").read_text() == "precious"
+    (out / "evaluation.json").write_text("{}")
+    assert "--force to replace" in refuse(capsys, scene, "-o", out)
+    assert "is a file" in refuse(capsys, scene, "-o", out / "cases.csv")
 
 
 @pytest.mark.parametrize(("words", "named"), [

@@ -29,9 +29,10 @@ def refused(tmp_path_factory):
         cv2.imwrite(str(folder / f"{name}.png"), np.full((120, 160, 3), (50, 90, 130), np.uint8))
     cv2.imwrite(str(folder / "disp1.png"), np.full((120, 160), 90, np.uint8))
     source = SceneSource(folder)
-    case = evaluate_case(Case(source, 0.2, 2.0, pictures=True), PipelineConfig())
+    case = evaluate_case(
+        Case(source, 0.2, 2.0, pictures=True, thumbnails=True), PipelineConfig())
     plan = Plan([source], attenuations=(0.2,), depths=(2.0,))
-    return Evaluation(plan, [case], [])
+    return Evaluation(plan, [case])
 
 
 def test_it_says_why_and_has_no_estimate(refused):
@@ -58,10 +59,9 @@ def test_the_summary_counts_it(refused):
     assert (water["cases"], water["refused"], water["refused_depth"]) == (1, 1.0, 1.0)
     assert math.isnan(water["mean_attenuation_error"])
     assert water["reasons"] == {refused.cases[0].refusal: 1}
-    assert summary["colour_difference"]["final"]["assessed"] == 0
+    assert math.isnan(summary["colour_difference"]["final"])
     text = summary_text(summary)
     assert f"{READINGS['pipeline']}: pair refused" in text
-    assert "0/1" in text
 
 
 def test_its_row_is_empty_where_nothing_was_assessed(refused, tmp_path):
@@ -77,7 +77,7 @@ def test_its_row_is_empty_where_nothing_was_assessed(refused, tmp_path):
 
 
 def test_its_figures_are_drawn_nevertheless(refused, tmp_path):
-    names = {path.name for path in write_figures(tmp_path, refused)}
-    assert names == {
-        "fig3_wall.png", "fig5.png", "fig6.png", "fig7.png", "fig9.png", "reliability.png"}
-    assert {path.name for path in tmp_path.iterdir()} == names
+    write_figures(tmp_path, refused)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "fig3_wall.png", "fig5.png", "fig6.png", "fig7.png", "fig7_pictures.png", "fig9.png",
+        "reliability.png"}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from uw_visibility.config.files import Products, gathered, refuse_inputs, sole_writer
-from uw_visibility.errors import InputError, check_range, needing
+from uw_visibility.errors import InputError, check_range
 from uw_visibility.replay.progress import progress_bar, say
 from uw_visibility_lab.commands.described import REQUIRED, Options, add_described
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 MOST_JOBS = 256
 RESULT = "evaluation.json"
 # Those that earlier versions wrote are replaced as well.
-EARLIER = ("edges", "transect", "table1", "fig10")
-TABLES = ("cases", "conditions", "noisy_cases", "noise", "reliability", "adverse_cases", "adverse",
-          "lamp_cases", "survey", *EARLIER)
+EARLIER = ("edges", "transect", "table1", "fig10", "noisy_cases", "noise")
+TABLES = ("cases", "conditions", "reliability", "adverse_cases", "adverse", "lamp_cases", "survey",
+          *EARLIER)
 FIGURES = ("fig3_*", "fig5", "fig6", "fig7", "fig7_pictures", "fig9", "reliability", "lamps",
            "survey", *EARLIER)
 PRODUCTS = Products(
@@ -57,11 +57,10 @@ scenes of our own are rendered."""
 
 EPILOG = """\
 written to DIR:
-  cases.csv         a row for each scene and water: every estimate and its truth,
-                    disparities and colours of all methods
-  conditions.csv    means over the scenes for each water
-  noisy_cases.csv   the same with noise of the sensor
-  noise.csv         means over the scenes for each noise of the sensor and α, at one depth
+  cases.csv         a row for each scene, noise of the sensor (0: none) and water: every
+                    estimate and its truth, disparities and colours of all methods
+  conditions.csv    means over the scenes for each noise and water
+  reliability.csv   share of right disparities by confidence, for each noise
   evaluation.json   all of these, the settings, and the summary
   fig3_SCENE.png    pixels over range, envelopes and fitted curves (Fig. 3)
   fig5.png          disparities of the pair under water and improved ones (Fig. 5)
@@ -98,7 +97,7 @@ QUICK_SURVEY = 12
 NOISES, QUICK_NOISES = ("1", "2", "4", "camera"), ("2",)
 
 OPTIONS: Options = {
-    "-o --output DIR": (REQUIRED, "new folder for tables and figures", Path),
+    "-o --output DIR": (REQUIRED, "folder for tables and figures", Path),
     "--force": (False, "replace what an evaluation left there"),
     "--attenuation A ...": (None, "mean attenuations α, 1/m (0 0.1 0.2 0.3)"),
     "--depth Z ...": (None, "depths z, m (1 2 5)"),
@@ -113,7 +112,8 @@ OPTIONS: Options = {
         False, "a small grid (α 0 and 0.2 1/m, z 2 m, noise of 2 codes)"),
     "--jobs N": (1, "processes that share the work; each takes up to 1 GB"),
     "--params-file YAML": (
-        None, "parameters of the pipeline, in the form of config/uw_visibility.yaml", Path),
+        None, "parameters of the pipeline, such as stereo.matcher and stereo.model for a network, "
+        "in the form of config/uw_visibility.yaml", Path),
     "adverse study": {
         "--adverse": (False, "water and cameras that are not the model's"),
         "--effects NAME ...": ([], "these effects only; an unknown name lists them", str),
@@ -142,7 +142,11 @@ Written = tuple[Callable[[Path], object], str]
 
 def run(arguments: argparse.Namespace) -> None:
     check_range("--jobs", arguments.jobs, 1, MOST_JOBS)
-    _refuse_folder(arguments)
+    if arguments.output.exists() and not arguments.output.is_dir():
+        raise InputError(f"{arguments.output} is a file: give a folder with -o")
+    PRODUCTS.check_room(arguments.output, force=arguments.force)
+    refuse_inputs(
+        [*arguments.datasets, arguments.params_file], PRODUCTS.present(arguments.output))
     if arguments.adverse and arguments.lamps:
         raise InputError("--adverse and --lamps are two studies: give one of them")
     study = _run_lamps if arguments.lamps else (
@@ -159,6 +163,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Written:
     from uw_visibility_lab.evaluation import experiments
+    from uw_visibility_lab.evaluation.figures.pictures import write_figures
+    from uw_visibility_lab.evaluation.report import summarise, summary_text, write_evaluation
     from uw_visibility_lab.evaluation.scenes import find_scenes
 
     quick = arguments.quick
@@ -176,10 +182,6 @@ def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Writt
         config=read_config(arguments.params_file, {"water.veil": "paper"}),
         noises=tuple(arguments.noise or (QUICK_NOISES if quick else NOISES)),
     )
-    _check_figures()
-    from uw_visibility_lab.evaluation.figures.pictures import write_figures
-    from uw_visibility_lab.evaluation.report import summarise, summary_text, write_evaluation
-
     evaluation = experiments.evaluate(plan, arguments.jobs, progress)
     summary = summarise(evaluation)
 
@@ -193,57 +195,55 @@ def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Writt
 def _run_adverse(arguments: argparse.Namespace, progress: Progress) -> Written:
     from uw_visibility_lab.evaluation.adverse import cases, report, scenes
     from uw_visibility_lab.evaluation.parallel import run_cases
+    from uw_visibility_lab.evaluation.tables import told
 
-    plan = cases.AdversePlan(
-        scenes=scenes.find_adverse_scenes(arguments.datasets),
-        effects=tuple(arguments.effects),
-        attenuations=tuple(arguments.attenuation or cases.ATTENUATIONS),
-        depths=tuple(arguments.depth or cases.DEPTHS),
-        seeds=1 if arguments.seeds is None else arguments.seeds,
-        config=read_config(arguments.params_file, {}),
-    )
+    config = read_config(arguments.params_file, {})
+    grid: dict[str, Any] = {
+        "attenuations": arguments.attenuation or cases.ATTENUATIONS,
+        "depths": arguments.depth or cases.DEPTHS,
+        "seeds": 1 if arguments.seeds is None else arguments.seeds}
     results = run_cases(
-        cases.evaluate_adverse_case, plan.cases(), plan.config, arguments.jobs, progress)
+        cases.evaluate_adverse_case,
+        cases.adverse_cases(
+            scenes.find_adverse_scenes(arguments.datasets), arguments.effects, **grid),
+        config, arguments.jobs, progress)
     summary = report.summarise_adverse(results)
+    settings = {**grid, "parameters": told(config)}
     return (
-        lambda folder: report.write_adverse(folder, plan, results, summary),
+        lambda folder: report.write_adverse(folder, settings, results, summary),
         report.adverse_text(summary))
 
 
 def _run_lamps(arguments: argparse.Namespace, progress: Progress) -> Written:
     if arguments.datasets:
         raise InputError("--lamps renders its own scenes: leave out the DATASET")
-    from uw_visibility_lab.evaluation.lamps import cases, report
-    from uw_visibility_lab.evaluation.lamps.survey import run_survey
+    from uw_visibility_lab.evaluation.lamps import cases, figures, report, survey
+    from uw_visibility_lab.evaluation.parallel import run_cases
+    from uw_visibility_lab.evaluation.tables import told
 
     quick, frames, seeds = arguments.quick, arguments.frames, arguments.seeds
     if frames is None:
         frames = QUICK_SURVEY if quick else report.FRAMES
     if seeds is None:
         seeds = 1 if quick else report.SEEDS
-    plan = report.LampPlan(
-        attenuations=tuple(
-            arguments.attenuation or (QUICK_ATTENUATIONS[1:] if quick else report.ATTENUATIONS)),
-        surfaces=cases.SURFACES[:1] if quick else cases.SURFACES,
-        seeds=seeds,
-        survey=frames,
-        config=read_config(arguments.params_file, {}),
-    )
-    _check_figures()
-    from uw_visibility_lab.evaluation.lamps import figures
-    from uw_visibility_lab.evaluation.parallel import run_cases
-
+    if frames:
+        check_range("number of frames of the survey", frames, survey.FEWEST_FRAMES, 10_000)
+    config = read_config(arguments.params_file, {})
+    grid: dict[str, Any] = {
+        "attenuations": arguments.attenuation or (
+            QUICK_ATTENUATIONS[1:] if quick else report.ATTENUATIONS),
+        "surfaces": cases.SURFACES[:1] if quick else cases.SURFACES, "seeds": seeds}
     results = run_cases(
-        cases.evaluate_lamp_case, plan.cases(), plan.config, arguments.jobs, progress)
-    survey = run_survey(
-        plan.survey, plan.config, arguments.jobs, progress) if plan.survey else None
-    summary = report.summarise_lamps(results, survey)
+        cases.evaluate_lamp_case, report.lamp_cases(**grid), config, arguments.jobs, progress)
+    surveyed = survey.run_survey(frames, config, arguments.jobs, progress) if frames else None
+    summary = report.summarise_lamps(results, surveyed)
+    settings = {**grid, "parameters": told(config)}
 
     def write(folder: Path) -> None:
-        report.write_lamps(folder, plan, results, survey, summary)
+        report.write_lamps(folder, settings, results, surveyed, summary)
         figures.draw_visibility(folder / "lamps.png", results, summary)
-        if survey is not None:
-            figures.draw_survey(folder / "survey.png", survey)
+        if surveyed is not None:
+            figures.draw_survey(folder / "survey.png", surveyed)
 
     return write, report.lamps_text(summary)
 
@@ -260,28 +260,3 @@ def read_config(path: Path | None, defaults: dict[str, Any]) -> PipelineConfig:
             "simulated water is linear, leave it out"
         )
     return config
-
-
-def _refuse_folder(arguments: argparse.Namespace) -> None:
-    """Refuse, before the work, a folder that holds something already."""
-    folder, force = arguments.output, arguments.force
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder} is a file: give a folder with -o")
-    if not folder.is_dir() or not any(folder.iterdir()):
-        return
-    if not force:
-        raise InputError(f"folder {folder} is not empty: give another one with -o, or --force")
-    if not (folder / RESULT).is_file():
-        raise InputError(
-            f"folder {folder} was not left by an evaluation: --force replaces no other, "
-            "give another one with -o"
-        )
-    PRODUCTS.check_room(folder, force=force)
-    refuse_inputs(
-        [*arguments.datasets, arguments.params_file], PRODUCTS.present(folder))
-
-
-def _check_figures() -> None:
-    with needing("report", "evaluate"):
-        import matplotlib  # noqa: F401
-        import tqdm  # noqa: F401

@@ -20,26 +20,22 @@ from numpy.typing import NDArray
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.radiance import Restorer
-from uw_visibility.enhancement.white_balance import RestorationWater
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import DisparityMap, Image8, Map
 from uw_visibility.images.view import StereoViews, View
+from uw_visibility.optics.light_model import contrast_gain, radiance_of
+from uw_visibility.optics.transfer import from_linear, to_linear
 from uw_visibility.pipeline.first_step import CoarseEstimate
 from uw_visibility.pipeline.pipeline import Pipeline
-from uw_visibility.pipeline.result import FrameResult, StageClock
+from uw_visibility.pipeline.result import StageClock
 from uw_visibility.pipeline.second_step import SecondStep
 from uw_visibility.status import Status
-from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.observations import Envelopes
 from uw_visibility_lab.evaluation import baselines, metrics
-from uw_visibility_lab.evaluation.degrade import (
-    fill_from_background,
-    recover_radiance,
-    sensor_of,
-)
+from uw_visibility_lab.evaluation.degrade import QUIET, fill_from_background, sensor_of
 from uw_visibility_lab.evaluation.metrics import Reliability
-from uw_visibility_lab.evaluation.readings import Reader, Reading, Truth, read_exact
+from uw_visibility_lab.evaluation.readings import Reading, Truth, read_exact, reader_of
 from uw_visibility_lab.evaluation.scenes import SceneSource, search_limit, tolerance
 from uw_visibility_lab.evaluation.tables import flat
 
@@ -84,7 +80,7 @@ class Case:
     mean_attenuation: float  # α, 1/m
     depth: float  # z, m
     pictures: bool = False  # whether images and observations are wanted too, for figures
-    noise: str = "0"  # noise of the sensor, see `sensor_of`
+    noise: str = QUIET  # noise of the sensor, see `sensor_of`
     thumbnails: bool = False
 
 
@@ -119,7 +115,7 @@ class CaseResult:
     # mean ΔE*ab over the image, by the names of `IMAGES`; NaN where refused
     colour_difference: dict[str, float]
     pictures: Pictures | None = None  # where the case asked for them
-    noise: str = "0"  # noise of the sensor
+    noise: str = QUIET  # noise of the sensor
     reliability: Reliability | None = None  # of our confidence; None where the pair was refused
     # small images under water and enhanced, where the case asked for them
     thumbnails: dict[str, Image8] = field(default_factory=dict)
@@ -139,17 +135,18 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
 
     Where `stereo.max_disparity` is 0, all matchers search up to the scene's `search_limit`.
     """
-    scene = case.source.load()
-    bench = _bench(case.source, config)
-    kappa = bench.reader.assessor.clear_water_attenuation
+    scene, pipeline = case.source.load(), _pipeline(case.source, config)
+    config, reader = pipeline.config, reader_of(pipeline.config)
+    kappa = reader.assessor.clear_water_attenuation
     truth = Truth.of_clear_water_and_particles(
         case.mean_attenuation, case.depth, kappa, config.assessment.contrast
     )
     left, right = scene.degraded(
         case.mean_attenuation, case.depth, kappa, sensor_of(case.noise))
+    filled = [fill_from_background(d) for d in (scene.disparity_left, scene.disparity_right)]
     oracle_left, oracle_right = (
-        _oracle(image, scene.rig.range_from_disparity(fill_from_background(disparity)), truth)
-        for image, disparity in ((left, scene.disparity_left), (right, scene.disparity_right))
+        _oracle(image, scene.rig.range_from_disparity(disparity), truth)
+        for image, disparity in zip((left, right), filled, strict=True)
     )
     images = {
         "degraded": left,
@@ -158,34 +155,43 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
         "oracle": oracle_left,
     }
     nothing = np.full(left.shape[:2], np.nan, np.float32)
-    count = bench.disparities
+    count = config.stereo.max_disparity + 1
     disparities = {
         "sgbm": baselines.semi_global_matching(left, right, count),
         "clahe_sgbm": baselines.equalised_matching(left, right, count),
         "oracle_sgbm": baselines.semi_global_matching(oracle_left, oracle_right, count),
         "ours_raw": nothing, "ours": nothing,
-        "oracle_ours": match_with_truth(
-            left, right, fill_from_background(scene.disparity_left), truth, bench.rig,
-            bench.config),
+        "oracle_ours": match_with_truth(left, right, filled[0], truth, pipeline),
+    }
+    exact_range = scene.rig.range_from_disparity(scene.disparity_left)
+    readings = {
+        "exact": read_exact(left, scene.disparity_left, scene.rig, config),
+        "paper_exact": reader.fit_plain(left, exact_range),
     }
     refusal = result = None
     try:
-        result = bench.pipeline.process(left, right, match_original=True)
+        result = pipeline.process(left, right, match_original=True)
     except InputError as error:
         # A pair that the pipeline refuses is a result too.
         refusal = f"pair refused: {error}"
+        readings |= dict.fromkeys(
+            ("step1", "pipeline", "paper_pipeline"), Reading.refused(refusal))
     if result is not None:
-        images["step1"] = first_enhancement(left, right, bench.pipeline)
+        images["step1"] = first_enhancement(left, right, pipeline)
         images["final"] = result.left_enhanced
         assert result.stereo.original is not None
         disparities |= {"ours_raw": result.stereo.original, "ours": result.disparity}
+        readings["step1"] = reader.read(result.coarse_water)
+        readings["pipeline"] = Reading.of_result(result)
+        readings["paper_pipeline"] = reader.fit_plain(
+            left, scene.rig.range_from_disparity(result.disparity))
     known = scene.disparity_left, tolerance(scene)
     return CaseResult(
         scene=scene.name,
         truth=truth,
         tolerance=tolerance(scene),
         refusal=refusal,
-        readings=bench.read(left, result, refusal),
+        readings={name: readings[name] for name in READINGS},
         matched={name: metrics.matched_fraction(disparities[name]) for name in MATCHES},
         correct={name: metrics.correct_fraction(disparities[name], *known) for name in MATCHES},
         wrong={name: metrics.bad_fraction(disparities[name], *known) for name in MATCHES},
@@ -195,8 +201,7 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
             for name in IMAGES
         },
         pictures=None if not case.pictures else Pictures(
-            scene.left, {name: images[name] for name in IMAGES if name in images},
-            bench.exact_range, None if result is None else result.water.envelope,
+            scene.left, images, exact_range, None if result is None else result.water.envelope,
             {} if result is None else {name: disparities[name] for name in ("ours_raw", "ours")},
         ),
         thumbnails={} if not case.thumbnails else {
@@ -207,43 +212,13 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
     )
 
 
-class _Bench:
-    """Rig, pipeline and estimators that serve all cases of a scene."""
-
-    def __init__(self, source: SceneSource, config: PipelineConfig) -> None:
-        scene = source.load()
-        self.disparities = config.stereo.max_disparity + 1
-        if config.stereo.max_disparity == 0:
-            self.disparities = search_limit(scene)
-        stereo = replace(config.stereo, max_disparity=self.disparities - 1)
-        self.config = replace(config, stereo=stereo)
-        self.rig = scene.rig
-        self.pipeline = Pipeline(self.rig, self.config)
-        self.disparity = scene.disparity_left
-        self.exact_range = scene.rig.range_from_disparity(self.disparity)
-        self.reader = Reader(config)
-
-    def read(
-        self, left: Image8, result: FrameResult | None, refusal: str | None
-    ) -> dict[str, Reading]:
-        """Estimate the water by both methods, with the pipeline's ranges and with the true ones."""
-        reader = self.reader
-        readings = {
-            "exact": read_exact(left, self.disparity, self.rig, self.config),
-            "paper_exact": reader.fit_plain(left, self.exact_range),
-        }
-        if result is None:
-            refused = Reading.refused(refusal or "")
-            readings |= dict.fromkeys(("step1", "pipeline", "paper_pipeline"), refused)
-        else:
-            found = self.rig.range_from_disparity(result.disparity)
-            readings["step1"] = reader.read(result.coarse_water)
-            readings["pipeline"] = Reading.of_result(result)
-            readings["paper_pipeline"] = reader.fit_plain(left, found)
-        return {name: readings[name] for name in READINGS}
-
-
-_bench = lru_cache(maxsize=1)(_Bench)
+@lru_cache(maxsize=1)
+def _pipeline(source: SceneSource, config: PipelineConfig) -> Pipeline:
+    """Return the pipeline that serves all cases of a scene."""
+    scene = source.load()
+    largest = config.stereo.max_disparity or search_limit(scene) - 1
+    stereo = replace(config.stereo, max_disparity=largest)
+    return Pipeline(scene.rig, replace(config, stereo=stereo))
 
 
 def _thumbnail(image: Image8) -> Image8:
@@ -274,10 +249,10 @@ def match_with_truth(
     right: Image8,
     disparity: DisparityMap,
     truth: Truth,
-    rig: StereoRig,
-    config: PipelineConfig,
+    pipeline: Pipeline,
 ) -> DisparityMap:
     """Match a pair as step 2 does, with the true water and disparity (without holes, px)."""
+    rig, config = pipeline.rig, pipeline.config
     transfer = config.camera.transfer
     views = StereoViews(View.of(left, transfer), View.of(right, transfer))
     step = SecondStep(views.left.shape, rig, config, Workers(config.threads))
@@ -293,6 +268,7 @@ def match_with_truth(
 def _oracle(image: Image8, range_map: Map, truth: Truth) -> Image8:
     """Restore an image with the true water and range, without limit of the gain (eq. 8)."""
     light = np.array(truth.ambient_light)
-    water = RestorationWater(np.array(truth.attenuation), light, light)
-    radiance = recover_radiance(image, range_map, water)
-    return np.asarray(np.clip(radiance * 255 + 0.5, 0, 255), dtype=np.uint8)
+    gain = contrast_gain(np.array(truth.attenuation), range_map[..., np.newaxis])
+    irradiance = to_linear(image, "linear").astype(np.float64)
+    radiance = radiance_of(irradiance, gain, light, light).astype(np.float32)
+    return np.asarray(from_linear(radiance, "linear", np.uint8), np.uint8)

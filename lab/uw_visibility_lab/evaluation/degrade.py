@@ -9,21 +9,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Array, DisparityMap, Image8, Mask, RangeMap
+from uw_visibility.images.arrays import DisparityMap, Image8, Mask, RangeMap
 from uw_visibility.images.files import read_image
 from uw_visibility.images.overview import shown
-from uw_visibility.optics.light_model import (
-    Water,
-    ambient_light_at_depth,
-    attenuate,
-    contrast_gain,
-    radiance_of,
-    scene_light_of,
-)
-from uw_visibility.optics.transfer import to_linear
+from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility_lab.simulation.camera import NOISELESS, Sensor
 
@@ -32,8 +24,8 @@ from uw_visibility_lab.simulation.camera import NOISELESS, Sensor
 FULL_SIZE_FOCAL_LENGTH = 3740.0
 BASELINE = 0.160
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm")
-CAMERA = "camera"
-"""Name of the shot and read noise of a small camera, that of `Sensor`."""
+QUIET, CAMERA = "0", "camera"
+"""Names of no noise, and of the shot and read noise of a small camera, that of `Sensor`."""
 
 
 @dataclass(frozen=True)
@@ -141,33 +133,6 @@ def degrade(
     return np.asarray(np.clip(codes + np.float32(0.5), 0, 255), dtype=np.uint8)
 
 
-def recover_radiance(
-    image: NDArray[np.generic],
-    range_map: RangeMap,
-    water: Water,
-    transfer: str = "linear",
-) -> NDArray[np.float32]:
-    """Radiance recovery as numbers, neither clipped nor quantised (eq. 8).
-
-    ρ = B/W + (E - B)/W e^(βd), which is eq. 8 where W = B; NaN where the range or the channel is
-    unknown. The pipeline's `Restorer` is the fast form.
-
-    image: (H, W, C) or (H, W), uint8, uint16 or float32, which is irradiance 0..1. range_map:
-    (H, W), m. water: one attenuation and ambient light for each channel, see `Restorer.restore`.
-    transfer: linear or srgb.
-    """
-
-    def values(of_channels: ArrayLike) -> Array:
-        array = np.asarray(of_channels, dtype=np.float64)
-        return array.reshape(()) if image.ndim == 2 else array
-
-    irradiance = to_linear(image, transfer).astype(np.float64)
-    distance = range_map.reshape(range_map.shape + (1,) * (image.ndim - 2))
-    gain = contrast_gain(values(water.attenuation), distance)
-    veil, light = values(water.ambient_light), values(scene_light_of(water))
-    return np.asarray(radiance_of(irradiance, gain, veil, light), dtype=np.float32)
-
-
 def fill_from_background(disparity: DisparityMap) -> DisparityMap:
     """Fill gaps (NaN) of a disparity map, px, with the farther known neighbour in the row.
 
@@ -229,4 +194,4 @@ def title_of(noise: str) -> str:
     """Return how tables and figures name a noise."""
     if noise == CAMERA:
         return "shot and read noise"
-    return "no noise" if noise == "0" else f"noise of {noise} codes"
+    return "no noise" if noise == QUIET else f"noise of {noise} codes"

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import check_range
 from uw_visibility_lab.evaluation.cases import Case, CaseResult, evaluate_case
-from uw_visibility_lab.evaluation.degrade import sensor_of
+from uw_visibility_lab.evaluation.degrade import QUIET, sensor_of
 from uw_visibility_lab.evaluation.metrics import Reliability
 from uw_visibility_lab.evaluation.parallel import Progress, run_cases
 from uw_visibility_lab.evaluation.scenes import SceneSource
@@ -69,20 +69,15 @@ class Plan:
         )
 
     def cases(self) -> list[Case]:
-        """Return the grid, scene by scene."""
+        """Return the grid, scene by scene; with noise at one depth."""
         return [
             Case(
-                scene, attenuation, depth, (attenuation, depth) == self.shown,
-                thumbnails=attenuation == self.shown[0],
+                scene, attenuation, depth, (attenuation, depth, noise) == (*self.shown, QUIET),
+                noise, thumbnails=(attenuation, noise) == (self.shown[0], QUIET),
             )
-            for scene in self.scenes for attenuation in self.attenuations for depth in self.depths
-        ]
-
-    def noisy_cases(self) -> list[Case]:
-        """Return the cases with noise, scene by scene, at one depth."""
-        return [
-            Case(scene, attenuation, self.shown[1], noise=noise)
-            for scene in self.scenes for attenuation in self.attenuations for noise in self.noises
+            for scene in self.scenes for noise in (QUIET, *self.noises)
+            for attenuation in self.attenuations
+            for depth in (self.depths if noise == QUIET else self.shown[1:])
         ]
 
 
@@ -92,13 +87,16 @@ class Evaluation:
 
     plan: Plan  # what was asked for
     cases: list[CaseResult]  # in the order of `Plan.cases`
-    noisy: list[CaseResult] = field(default_factory=list)  # in the order of `Plan.noisy_cases`
+
+    @property
+    def quiet(self) -> list[CaseResult]:
+        """Cases without noise of the sensor."""
+        return [case for case in self.cases if case.noise == QUIET]
 
     def reliability(self) -> dict[str, Reliability]:
         """Return the reliability of our confidence over all cases of each noise."""
         parts = [
-            (case.noise, case.reliability) for case in (*self.cases, *self.noisy)
-            if case.reliability is not None]
+            (case.noise, case.reliability) for case in self.cases if case.reliability is not None]
         return {
             noise: Reliability.total(part for _, part in same)
             for noise, same in grouped(parts, lambda part: part[0]).items()}
@@ -108,6 +106,4 @@ def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: it
     """Run the cases of a plan; the result is the same for any number of jobs."""
     for scene in plan.scenes:
         scene.load()
-    cases, noisy = plan.cases(), plan.noisy_cases()
-    results = run_cases(evaluate_case, [*cases, *noisy], plan.config, jobs, progress)
-    return Evaluation(plan, results[:len(cases)], results[len(cases):])
+    return Evaluation(plan, run_cases(evaluate_case, plan.cases(), plan.config, jobs, progress))

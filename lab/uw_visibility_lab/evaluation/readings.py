@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -116,6 +117,9 @@ class Reader:
         """Fit the water as the paper does, by ranges in m."""
         return self.read(fit_plain(
             image, ranges, self.assessor.clear_water_attenuation, self._config.camera.transfer))
+
+
+reader_of = lru_cache(maxsize=8)(Reader)
 
 
 def read_exact(

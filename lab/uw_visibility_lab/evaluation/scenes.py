@@ -13,7 +13,7 @@ import numpy as np
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Image8, Map
+from uw_visibility.optics.transfer import from_linear
 from uw_visibility_lab.evaluation.degrade import IMAGE_SUFFIXES, Scene, load_scene
 from uw_visibility_lab.simulation.camera import NOISELESS, Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import Renderer
@@ -107,15 +107,14 @@ def render_scene(seed: int, camera: StereoCamera | None = None) -> Scene:
     frame = Renderer(camera, sensor=NOISELESS, workers=Workers(1)).render(
         reef(seed, length=0.0), Pose((0.0, 0.0, ALTITUDE), tilt=TILT), Water(0.0, 0.0), seed=seed
     )
+    left, right = (
+        np.asarray(from_linear(radiance, "linear", np.uint8), np.uint8)
+        for radiance in (frame.radiance_left, frame.radiance_right))
     return Scene(
         name=f"reef{seed}",
-        left=_as_image(frame.radiance_left),
-        right=_as_image(frame.radiance_right),
+        left=left,
+        right=right,
         disparity_left=frame.disparity_left,
         disparity_right=frame.disparity_right,
         rig=camera.rig,
     )
-
-
-def _as_image(radiance: Map) -> Image8:
-    return np.asarray(np.clip(radiance * 255 + 0.5, 0, 255), dtype=np.uint8)

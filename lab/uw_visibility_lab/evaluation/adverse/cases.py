@@ -5,8 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from uw_visibility.images.arrays import Array, Image8
 from uw_visibility_lab.evaluation.adverse.effects import Level, chosen
 from uw_visibility_lab.evaluation.adverse.scenes import AdverseScene, load_adverse_scene
 from uw_visibility_lab.evaluation.fits import fit_backscatter
-from uw_visibility_lab.evaluation.readings import Reader, Truth, read_exact
+from uw_visibility_lab.evaluation.readings import Truth, read_exact, reader_of
 from uw_visibility_lab.evaluation.scenes import SceneSource
 from uw_visibility_lab.evaluation.studies import StudyResult
 from uw_visibility_lab.simulation.camera import StereoCamera
@@ -40,9 +39,6 @@ SAND = np.array([0.62, 0.55, 0.45], np.float32)
 """Reflectance that a scene without contrast has."""
 
 
-_reader = lru_cache(maxsize=8)(Reader)
-
-
 @dataclass(frozen=True)
 class AdverseCase:
     """A scene, an effect at one level, and the water."""
@@ -55,36 +51,23 @@ class AdverseCase:
     seed: int = 0  # seed of noise and marine snow
 
 
-@dataclass(frozen=True)
-class AdversePlan:
-    """Plan of an adverse study."""
-
-    scenes: Sequence[SceneSource]  # the scenes
-    effects: tuple[str, ...] = ()  # names of effects; empty for all
-    # attenuations, depths: attenuation by grey particles, 1/m, and depths of the camera, m
-    attenuations: tuple[float, ...] = ATTENUATIONS
-    depths: tuple[float, ...] = DEPTHS
-    seeds: int = 1  # number of draws of noise and marine snow
-    config: PipelineConfig = field(default_factory=PipelineConfig)  # what the estimators are told
-
-    def __post_init__(self) -> None:
-        check_range("number of seeds", self.seeds, 1)
-        check_range("attenuations", self.attenuations, 0.0, 5.0, "1/m")
-        check_range("depths", self.depths, 0.0, 100.0, "m")
-        chosen(self.effects)
-
-    def cases(self) -> list[AdverseCase]:
-        """Return the cases, scene by scene."""
-        effects = chosen(self.effects)
-        return [
-            AdverseCase(scene, effect, level, attenuation, depth, seed)
-            for scene in self.scenes
-            for effect, levels in effects.items()
-            for level in levels
-            for attenuation in level.attenuations or self.attenuations
-            for depth in self.depths
-            for seed in range(self.seeds)
-        ]
+def adverse_cases(
+    scenes: Sequence[SceneSource], effects: Sequence[str], attenuations: Sequence[float],
+    depths: Sequence[float], seeds: int,
+) -> list[AdverseCase]:
+    """Return the cases of a study, scene by scene; without names of effects those of all."""
+    check_range("number of seeds", seeds, 1)
+    check_range("attenuations", attenuations, 0.0, 5.0, "1/m")
+    check_range("depths", depths, 0.0, 100.0, "m")
+    return [
+        AdverseCase(scene, effect, level, attenuation, depth, seed)
+        for scene in scenes
+        for effect, levels in chosen(effects).items()
+        for level in levels
+        for attenuation in level.attenuations or attenuations
+        for depth in depths
+        for seed in range(seeds)
+    ]
 
 
 def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> StudyResult:
@@ -94,7 +77,7 @@ def evaluate_adverse_case(case: AdverseCase, config: PipelineConfig) -> StudyRes
     water = Water(case.mean_attenuation, case.depth, None, level.water)
     left, gains = _expose(scene, level, water, case)
     attenuation = effective_attenuation(scene.left.range, scene.geometry, water)
-    reader = _reader(told)
+    reader = reader_of(told)
     truth = Truth.of_water(
         attenuation, gains * water.ambient_light(), reader.assessor.clear_water_attenuation,
         case.depth, told.assessment.contrast,

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from uw_visibility_lab.evaluation.adverse.cases import METHODS, AdversePlan
+from uw_visibility_lab.evaluation.adverse.cases import METHODS
 from uw_visibility_lab.evaluation.adverse.effects import CONTROL
 from uw_visibility_lab.evaluation.studies import (
     LEGEND,
@@ -18,7 +18,7 @@ from uw_visibility_lab.evaluation.studies import (
     reasons_text,
     statistics_text,
 )
-from uw_visibility_lab.evaluation.tables import flat, told, write_report
+from uw_visibility_lab.evaluation.tables import Row, flat, write_report
 
 
 def summarise_adverse(results: Sequence[StudyResult]) -> Summary:
@@ -50,7 +50,7 @@ def summarise_adverse(results: Sequence[StudyResult]) -> Summary:
 
 
 def write_adverse(
-    folder: Path, plan: AdversePlan, results: Sequence[StudyResult], summary: Summary
+    folder: Path, settings: Row, results: Sequence[StudyResult], summary: Summary
 ) -> None:
     """Write ``adverse_cases.csv``, ``adverse.csv`` and ``evaluation.json``."""
     cases = [result.row() for result in results]
@@ -65,16 +65,10 @@ def write_adverse(
         for level, methods in levels.items()
         for method, found in methods.items()
     ]
-    settings = {
-        "effects": list(summary["effects"]),
-        "attenuations": plan.attenuations,
-        "depths": plan.depths,
-        "seeds": plan.seeds,
-        "parameters": told(plan.config),
-    }
     write_report(
         folder, {"adverse_cases": cases, "adverse": rows},
-        {"settings": settings, "summary": summary, "cases": cases})
+        {"settings": {"effects": list(summary["effects"]), **settings}, "summary": summary,
+         "cases": cases})
 
 
 def adverse_text(summary: Summary) -> str:

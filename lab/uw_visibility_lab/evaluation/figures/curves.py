@@ -53,10 +53,10 @@ def draw_over_attenuation(path: Path, evaluation: Evaluation) -> None:
     stands beside it, once more for each noise of the sensor that was evaluated.
     """
     depth = evaluation.plan.shown[1]
-    cases = [case for case in evaluation.cases if case.truth.depth == depth]
+    cases = [case for case in evaluation.quiet if case.truth.depth == depth]
     correct = [("correct fraction", cases)]
     correct += [
-        (f"the same, {title_of(noise)}", [c for c in evaluation.noisy if c.noise == noise])
+        (f"the same, {title_of(noise)}", [c for c in evaluation.cases if c.noise == noise])
         for noise in evaluation.plan.noises]
     _draw_panels(
         path, f"Decreasing visibility at z = {depth:g} m (as Fig. 6 of the paper)",
@@ -71,7 +71,7 @@ def draw_over_depth(path: Path, evaluation: Evaluation) -> None:
     """Draw Fig. 7: α̂ and ΔE*ab to the scene in air over z, at one α."""
     alpha = evaluation.plan.shown[0]
     cases = [
-        case for case in evaluation.cases if np.isclose(case.truth.mean_attenuation, alpha)]
+        case for case in evaluation.quiet if np.isclose(case.truth.mean_attenuation, alpha)]
     _draw_panels(
         path, f"Increasing depth at α = {alpha:.3g} 1/m (as Fig. 7 of the paper)",
         DEPTH_LABEL, lambda case: case.truth.depth, cases,

@@ -13,14 +13,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from uw_visibility.optics.light_model import transmission, veil_of
 from uw_visibility_lab.evaluation.cases import IMAGES, MATCHES, CaseResult, Pictures
 from uw_visibility_lab.evaluation.experiments import Evaluation
 from uw_visibility_lab.evaluation.figures import curves
 from uw_visibility_lab.evaluation.figures.style import CHANNEL_COLOURS, DISPARITY_COLOURS, save
-from uw_visibility_lab.evaluation.readings import Truth
+from uw_visibility_lab.evaluation.studies import grouped
 from uw_visibility_lab.evaluation.tables import CHANNELS
 
 SHOWN = ("degraded", "histogram", "clahe", "final", "oracle")
@@ -99,9 +98,7 @@ def _grid(
 
 def draw_over_depth(path: Path, cases: Sequence[CaseResult]) -> None:
     """Draw the pictures of Fig. 7: under water and enhanced, over depth."""
-    scenes: dict[str, list[CaseResult]] = {}
-    for case in cases:
-        scenes.setdefault(case.scene, []).append(case)
+    scenes = grouped(cases, lambda case: case.scene)
     columns = max(len(of_scene) for of_scene in scenes.values())
     figure = Figure(figsize=(2.5 * columns, 4.2 * len(scenes) + 0.6), layout="constrained")
     grid = figure.subplots(2 * len(scenes), columns, squeeze=False)
@@ -151,16 +148,37 @@ def draw_bins(path: Path, case: CaseResult) -> None:
         )
         panels.append(axes)
         _draw_points(axes, pictures, channel)
-        _draw_envelopes(axes, pictures, channel)
-        _draw_curves(axes, truth, reading.attenuation, reading.ambient_light, channel, high)
+        if pictures.envelope is not None:
+            envelope = pictures.envelope
+            axes.plot(
+                envelope.range, envelope.bright[channel], "^", label="bright envelope", **ENVELOPE)
+            # The darkest pixels of a bin lie at a range of their own.
+            axes.plot(
+                envelope.dark_range[channel], envelope.dark[channel], "v", label="dark envelope",
+                **ENVELOPE)
+        distance = np.linspace(0.0, 1.1 * high, 200)
+        for water, colour, style, label in (
+            (reading, CHANNEL_COLOURS[name], "-", "estimate, in the channel's colour"),
+            (truth, "black", "--", "truth"),
+        ):
+            # Irradiance of a black patch (eq. 6), and open water.
+            beta, ambient = water.attenuation[channel], water.ambient_light[channel]
+            axes.plot(
+                distance, veil_of(ambient, transmission(beta, distance)), style, color=colour,
+                linewidth=1.8, label=f"{label}: {CURVES}")
+            axes.axhline(ambient, linestyle=style, color=colour, linewidth=1.8)
         axes.set_xlim(0.95 * low, 1.02 * high)
         axes.set_ylim(0.0, 1.02)
         axes.set_xlabel("range d [m]")
-        axes.set_title(_title(name, channel, case), fontsize=9)
+        beta, sigma = reading.attenuation[channel], reading.attenuation_stddev[channel]
+        estimate = f"β = {beta:.3f} ± {sigma:.3f}" if np.isfinite(beta) else "β not assessed"
+        axes.set_title(
+            f"{name}: {estimate} 1/m\n(truth {truth.attenuation[channel]:.3f} 1/m)", fontsize=9)
         axes.grid(alpha=0.25)
     panels[0].set_ylabel("irradiance E, radiance ρ")
     figure.legend(
-        handles=_legend(), loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+        *axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False,
+        fontsize=9)
     figure.suptitle(
         f"{case.scene}: α = {truth.mean_attenuation:.3g} 1/m, z = {truth.depth:g} m "
         "(as Fig. 3 of the paper)"
@@ -172,94 +190,29 @@ def _draw_points(axes: Any, pictures: Pictures, channel: int) -> None:
     known = np.flatnonzero(np.isfinite(pictures.range))
     chosen = np.random.default_rng(0).permutation(known)[:POINTS]
     distance = pictures.range.ravel()[chosen]
-    for image, colour in (
-        (pictures.radiance, IN_AIR),
-        (pictures.images["degraded"], CHANNEL_COLOURS[CHANNELS[channel]]),
+    for image, colour, label in (
+        (pictures.radiance, IN_AIR, "ρ, pixels in air"),
+        (pictures.images["degraded"], CHANNEL_COLOURS[CHANNELS[channel]],
+         "E, pixels under water, in the channel's colour"),
     ):
         values = image[..., channel].ravel()[chosen] / 255
         axes.plot(
             distance, values, ".", color=colour, alpha=0.35, markersize=2.5, markeredgewidth=0.0,
+            label=label,
         )
 
 
-def _draw_envelopes(axes: Any, pictures: Pictures, channel: int) -> None:
-    envelope = pictures.envelope
-    if envelope is None:
-        return
-    axes.plot(envelope.range, envelope.bright[channel], "^", **ENVELOPE)
-    # The darkest pixels of a bin lie at a range of their own.
-    axes.plot(envelope.dark_range[channel], envelope.dark[channel], "v", **ENVELOPE)
-
-
-def _draw_curves(
-    axes: Any,
-    truth: Truth,
-    attenuation: tuple[float, ...],
-    ambient_light: tuple[float, ...],
-    channel: int,
-    farthest: float,
-) -> None:
-    distance = np.linspace(0.0, 1.1 * farthest, 200)
-    for beta, ambient, colour, style in (
-        (attenuation[channel], ambient_light[channel], CHANNEL_COLOURS[CHANNELS[channel]], "-"),
-        (truth.attenuation[channel], truth.ambient_light[channel], "black", "--"),
-    ):
-        if not np.isfinite(beta):
-            continue
-        # Irradiance of a black patch (eq. 6).
-        veil = np.asarray(veil_of(ambient, transmission(beta, distance)))
-        axes.plot(distance, veil, style, color=colour, linewidth=1.8)
-        axes.axhline(ambient, linestyle=style, color=colour, linewidth=1.8)
-
-
-def _legend() -> list[Line2D]:
-    """Legend of the panels, whatever their colour."""
-    grey = "#555555"
-    return [
-        Line2D([], [], marker=".", linestyle="", color=IN_AIR, label="ρ, pixels in air"),
-        Line2D(
-            [], [], marker=".", linestyle="", color=CHANNEL_COLOURS["blue"],
-            label="E, pixels under water, in the channel's colour",
-        ),
-        Line2D([], [], marker="^", linestyle="", label="bright envelope", **ENVELOPE),
-        Line2D([], [], marker="v", linestyle="", label="dark envelope", **ENVELOPE),
-        Line2D([], [], color=grey, linewidth=1.8, label=f"estimate: {CURVES}"),
-        Line2D([], [], color="black", linewidth=1.8, linestyle="--", label=f"truth: {CURVES}"),
-    ]
-
-
-def _title(name: str, channel: int, case: CaseResult) -> str:
-    truth, reading = case.truth, case.readings["pipeline"]
-    values = (reading.attenuation[channel], reading.attenuation_stddev[channel])
-    estimate = "β not assessed"
-    if np.isfinite(values[0]):
-        estimate = f"β = {values[0]:.3f} ± {values[1]:.3f}"
-    return f"{name}: {estimate} 1/m\n(truth {truth.attenuation[channel]:.3f} 1/m)"
-
-
-def write_figures(
-    folder: Path, evaluation: Evaluation, file_format: str = "png"
-) -> list[Path]:
-    """Write ``fig3_<scene>``, 5, 6, 7, 9 and ``reliability``; return the files.
-
-    file_format: ``png``, ``pdf`` or ``svg``. Figures without data are left out.
-    """
-    written: list[Path] = []
-
+def write_figures(folder: Path, evaluation: Evaluation, file_format: str = "png") -> None:
+    """Write ``fig3_<scene>``, 5, 6, 7, 9 and ``reliability`` as ``png``, ``pdf`` or ``svg``."""
     def file(name: str) -> Path:
-        written.append(folder / f"{name}.{file_format}")
-        return written[-1]
+        return folder / f"{name}.{file_format}"
 
     shown = [case for case in evaluation.cases if case.pictures is not None]
     for case in shown:
         draw_bins(file(f"fig3_{case.scene}"), case)
-    if evaluation.cases:
-        curves.draw_over_attenuation(file("fig6"), evaluation)
-        draw_disparities(file("fig5"), shown)
-        curves.draw_over_depth(file("fig7"), evaluation)
-        deeper = [case for case in evaluation.cases if case.thumbnails]
-        if deeper:
-            draw_over_depth(file("fig7_pictures"), deeper)
-        draw_pictures(file("fig9"), shown)
-        curves.draw_reliability(file("reliability"), evaluation.reliability())
-    return written
+    curves.draw_over_attenuation(file("fig6"), evaluation)
+    draw_disparities(file("fig5"), shown)
+    curves.draw_over_depth(file("fig7"), evaluation)
+    draw_over_depth(file("fig7_pictures"), [case for case in evaluation.cases if case.thumbnails])
+    draw_pictures(file("fig9"), shown)
+    curves.draw_reliability(file("reliability"), evaluation.reliability())

@@ -84,7 +84,7 @@ def draw_survey(path: Path, survey: SurveyResult) -> None:
             if k == 0:
                 variation = ", ".join(f"{100.0 * v:.0f}" for v in survey.variation[name])
                 axes.set_title(
-                    f"{title}\nσ/mean {variation} %, ΔE*ab {survey.difference[name]:.1f}",
+                    f"{title}\nσ/median {variation} %, ΔE*ab {survey.difference[name]:.1f}",
                     fontsize=9)
     axes = lower.subplots()
     frames = np.arange(len(survey.pooled))

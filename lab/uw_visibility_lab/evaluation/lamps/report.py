@@ -5,12 +5,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import check_range
 from uw_visibility_lab.evaluation.lamps import survey as surveys
 from uw_visibility_lab.evaluation.lamps.cases import SURFACES, TOLD, LampCase
@@ -28,10 +26,10 @@ from uw_visibility_lab.evaluation.studies import (
 )
 from uw_visibility_lab.evaluation.tables import (
     CHANNELS,
+    Row,
     as_text,
     flat,
     number,
-    told,
     write_report,
 )
 
@@ -43,33 +41,19 @@ SEEDS = 3
 FRAMES = 100
 
 
-@dataclass(frozen=True)
-class LampPlan:
-    """Plan of a study under lamps."""
-
-    attenuations: tuple[float, ...] = ATTENUATIONS  # attenuation by grey particles, 1/m
-    surfaces: tuple[str, ...] = SURFACES  # of `SURFACES`
-    seeds: int = SEEDS  # number of reefs, each with a pose and noise of its own
-    survey: int = FRAMES  # number of frames of the survey; 0 for none
-    # what the pipeline is told beside the lamps
-    config: PipelineConfig = field(default_factory=PipelineConfig)
-
-    def __post_init__(self) -> None:
-        check_range("number of seeds", self.seeds, 1)
-        check_range("attenuations", self.attenuations, 0.0, 5.0, "1/m")
-        if self.survey:
-            check_range(
-                "number of frames of the survey", self.survey, surveys.FEWEST_FRAMES, 10_000)
-
-    def cases(self) -> list[LampCase]:
-        """Return the cases, reef by reef."""
-        return [
-            LampCase(seed, lamps, attenuation, surfaces)
-            for seed in range(self.seeds)
-            for lamps in LAMPS
-            for surfaces in self.surfaces
-            for attenuation in self.attenuations
-        ]
+def lamp_cases(
+    attenuations: Sequence[float], surfaces: Sequence[str], seeds: int
+) -> list[LampCase]:
+    """Return the cases of a study, reef by reef."""
+    check_range("number of seeds", seeds, 1)
+    check_range("attenuations", attenuations, 0.0, 5.0, "1/m")
+    return [
+        LampCase(seed, lamps, attenuation, faced)
+        for seed in range(seeds)
+        for lamps in LAMPS
+        for faced in surfaces
+        for attenuation in attenuations
+    ]
 
 
 def summarise_lamps(results: Sequence[StudyResult], survey: SurveyResult | None) -> Summary:
@@ -101,8 +85,6 @@ def _of_survey(survey: SurveyResult) -> Summary:
     first = next((k + 1 for k, each in enumerate(survey.pooled) if each.status == OK), None)
     return {
         "frames": len(survey.pooled),
-        "cells": survey.cells,
-        "views": survey.views,
         "single": statistics([(truth, reading) for reading in survey.single]),
         "pooled": statistics([(truth, reading) for reading in survey.pooled]),
         "first_assessed": first,
@@ -113,7 +95,6 @@ def _of_survey(survey: SurveyResult) -> Summary:
             name: dict(zip(CHANNELS, survey.variation[name].tolist(), strict=True))
             for name in PICTURES
         },
-        "settled_variation": dict(zip(CHANNELS, survey.settled.tolist(), strict=True)),
         "colour_difference": {name: survey.difference[name] for name in PICTURES},
     }
 
@@ -137,7 +118,7 @@ def lamps_text(summary: Summary) -> str:
 
 
 def write_lamps(
-    folder: Path, plan: LampPlan, results: Sequence[StudyResult], survey: SurveyResult | None,
+    folder: Path, settings: Row, results: Sequence[StudyResult], survey: SurveyResult | None,
     summary: Summary,
 ) -> None:
     """Write ``lamp_cases.csv``, ``survey.csv`` and ``evaluation.json``."""
@@ -145,38 +126,27 @@ def write_lamps(
     frames = [] if survey is None else [
         flat({"frame": k, "true": survey.truth, "single": single, "pooled": pooled})
         for k, (single, pooled) in enumerate(zip(survey.single, survey.pooled, strict=True))]
-    settings = {
-        "attenuations": plan.attenuations,
-        "lamps": LAMPS,
-        "surfaces": plan.surfaces,
-        "seeds": plan.seeds,
-        "survey": None if survey is None else {
-            "frames": plan.survey, "lamps": surveys.LAMPS,
-            "mean_attenuation": surveys.MEAN_ATTENUATION, "surfaces": SURFACES[0],
-        },
-        "parameters": told(plan.config),
+    of_survey = None if survey is None else {
+        "frames": len(frames), "lamps": surveys.LAMPS,
+        "mean_attenuation": surveys.MEAN_ATTENUATION, "surfaces": SURFACES[0],
     }
     write_report(
         folder, {"lamp_cases": cases, "survey": frames},
-        {"settings": settings, "summary": summary, "cases": cases, "survey": frames})
+        {"settings": {"lamps": LAMPS, "survey": of_survey, **settings}, "summary": summary,
+         "cases": cases, "survey": frames})
 
 
 def _survey_text(survey: Summary) -> str:
-    variations = {title: survey["variation"][name] for name, title in PICTURES.items()}
-    differences = {
-        title: survey["colour_difference"][name] for name, title in PICTURES.items()}
-    variations[f"{PICTURES['online']}, light known"] = survey["settled_variation"]
     errors = ", ".join(
         f"{name} {100 * error:+.0f} %" for name, error in survey["attenuation_error"].items())
     return "\n".join([
-        f"survey of {survey['frames']} frames; {survey['cells']} pieces of ground, "
-        f"each in {survey['views']} frames",
+        f"survey of {survey['frames']} frames",
         statistics_text("water", [
             ("each frame alone", survey["single"]), ("with those before it", survey["pooled"])]),
         *reasons_text(survey["pooled"]),
         f"  error of β at the end: {errors} ({survey['last_status']})",
-        as_text(["same ground over frames, σ/mean [%]", "R", "G", "B", "ΔE*ab"], [
-            [title, *(number(100.0 * shares[c], 1) for c in CHANNELS),
-             number(differences[title], 1) if title in differences else ""]
-            for title, shares in variations.items()]),
+        as_text(["same reflectance over frames, σ/median [%]", "R", "G", "B", "ΔE*ab"], [
+            [title, *(number(100.0 * survey["variation"][name][c], 1) for c in CHANNELS),
+             number(survey["colour_difference"][name], 1)]
+            for name, title in PICTURES.items()]),
     ])

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
@@ -55,108 +55,32 @@ PICTURES = {
 """Pictures of a survey, by the names in tables; the last one is the truth. The oracle takes
 every surface for facing the lamps, as the light model has it."""
 
-LEARNING = 0.3
-"""Part of the frames in which the light of those before is not known well yet."""
-
 NEAREST = 0.7
 """Range in m that disparities are searched to."""
 
-CELL = 0.1
-"""Width of a piece of ground, m."""
-
-HALF_WIDTH = 0.6
-"""Ground counts so far to either side of the way, m: beyond stand corals."""
-
-WHOLE = 0.8
-"""Share of a piece's pixels that a frame must show, of those that a level one has."""
-
-FEWEST_VIEWS = 8
-"""Frames that must show a piece."""
-
-STEADY = 0.03
-"""Largest variation of the true reflectance: what varies more is hidden in some frames."""
+BLOCK = 16
+"""Width of a piece of ground in an image, px."""
 
 DARK = 0.05
-"""Reflectance below which a piece's relative variation says little."""
+"""Reflectance below which a piece is not counted: its relative variation says little."""
 
 
-def ground_cells(
-    ranges: Map, camera: StereoCamera, pose: Pose, length: float
-) -> NDArray[np.int64]:
-    """Number of the piece of ground that each pixel sees; −1 for what does not count.
+def variation(images: Sequence[Map], truth: Sequence[Map]) -> Array:
+    """Variation of what pictures show of the same reflectance, over frames and ground, RGB.
 
-    Ground counts up to a length along x, m, and pieces that the frame shows whole.
+    It is that of pieces of ground over their true reflectance: half of the distance of the 16 and
+    the 84 % quantile, over the median.
     """
-    rays = camera.rig.ray_directions((camera.height, camera.width))
-    distance = np.where(np.isfinite(ranges), ranges, 0.0)[..., np.newaxis]
-    points = distance * (rays @ pose.rotation().T) + pose.position
-    column, row = (np.floor(points[..., k] / CELL).astype(np.int64) for k in (0, 1))
-    columns, rows = round(length / CELL), round(HALF_WIDTH / CELL)
-    inside = np.isfinite(ranges) & (column >= 0) & (column < columns)
-    inside &= (row >= -rows) & (row < rows)
-    cells = np.where(inside, (row + rows) * columns + column, -1)
-    count = np.bincount(cells[inside], minlength=2 * rows * columns)
-    depth = distance[..., 0] * rays[..., 2]
-    total = np.bincount(cells[inside], depth[inside], minlength=len(count))
-    level = (CELL * camera.focal_length * count / np.maximum(total, 1e-9)) ** 2
-    part = count < WHOLE * level
-    cells[inside & part[cells]] = -1
-    return np.asarray(cells)
+    seen, true = (np.concatenate([_pieces(image) for image in some]) for some in (images, truth))
+    low, middle, high = np.nanquantile(
+        np.where(true > DARK, seen / np.maximum(true, DARK), np.nan), (0.16, 0.5, 0.84), axis=0)
+    return np.asarray((high - low) / (2.0 * middle))
 
 
-@dataclass(frozen=True)
-class GroundCells:
-    """Pieces of ground that several frames show whole."""
-
-    cells: Sequence[NDArray[np.int64]]  # (H, W); by frame, see `ground_cells`
-    steady: NDArray[np.bool_]  # (n, 3); pieces that count, by channel
-    views: int  # median number of frames that see one
-
-    @classmethod
-    def of(cls, truth: Sequence[Map], cells: Sequence[NDArray[np.int64]]) -> GroundCells:
-        """Choose the pieces of ground that look alike in the frames' true reflectance."""
-        size = max(int(c.max()) for c in cells) + 1
-        everything = cls(cells, np.ones((max(size, 1), 3), np.bool_), 0)
-        means = everything.means(truth)
-        views = np.isfinite(means[..., 1]).sum(axis=0)
-        mean, deviation = _moments(means)
-        steady = (views >= FEWEST_VIEWS)[:, np.newaxis] & (mean > DARK)
-        steady &= deviation <= STEADY * mean
-        seen = views[steady.any(axis=1)]
-        return cls(cells, steady, int(np.median(seen)) if len(seen) else 0)
-
-    @property
-    def count(self) -> int:
-        """Number of pieces that count."""
-        return int(self.steady.any(axis=1).sum())
-
-    def means(self, images: Sequence[Map]) -> Array:
-        """Mean of each piece in each frame, (frames, n, 3); NaN where it is not seen."""
-        size = len(self.steady)
-        means = np.full((len(images), size, 3), np.nan)
-        for k, (image, cells) in enumerate(zip(images, self.cells, strict=True)):
-            known = (cells >= 0) & np.isfinite(image).all(axis=2)
-            count = np.bincount(cells[known], minlength=size)
-            seen = count > 0
-            for c in range(3):
-                total = np.bincount(cells[known], image[known][:, c], minlength=size)
-                means[k, seen, c] = total[seen] / count[seen]
-        return means
-
-    def variation(self, images: Sequence[Map]) -> Array:
-        """Standard deviation over mean of the same ground over the frames, RGB."""
-        mean, deviation = _moments(self.means(images))
-        relative = deviation / np.maximum(mean, 1e-9)
-        return np.array([
-            relative[self.steady[:, c], c].mean() if self.steady[:, c].any() else np.nan
-            for c in range(3)
-        ])
-
-
-def _moments(means: Array) -> tuple[Array, Array]:
-    """Mean and standard deviation over the frames that see a piece; 0 for none."""
-    seen = np.ma.masked_invalid(means)
-    return seen.mean(axis=0).filled(0.0), seen.std(axis=0).filled(0.0)
+def _pieces(image: Map) -> Array:
+    height, width = (size // BLOCK for size in image.shape[:2])
+    return np.asarray(cv2.resize(
+        image, (width, height), interpolation=cv2.INTER_AREA).reshape(-1, 3), np.float64)
 
 
 LAMPS = 2
@@ -213,17 +137,10 @@ class SurveyResult:
     # single, pooled: by frame; of the frame alone, and of the filter over the frames up to it
     single: list[Reading]
     pooled: list[Reading]
-    # standard deviation over mean of the same ground over the frames, RGB, by the names of
-    # `PICTURES`; the truth's is what changes of resolution leave of it
+    # of the same reflectance, RGB, by the names of `PICTURES`; see `variation`
     variation: dict[str, Array]
-    # (3,); variation by the light of the frames before, without the first part of them, in which
-    # the light is not known yet
-    settled: Array
     # mean ΔE*ab against the reflectance, at each method's best exposure
     difference: dict[str, float]
-    # cells, views: pieces of ground that count, and median number of frames that see one
-    cells: int
-    views: int
     # some frames by the names of `PICTURES`, at each method's best exposure
     shown: list[dict[str, Map]]
 
@@ -249,22 +166,14 @@ def run_survey(
         "truth": [frame.radiance_left for frame in frames]}
     truth = images["truth"]
     scaled = {name: at_best_exposure(some, truth) for name, some in images.items()}
-    cells = [
-        ground_cells(frame.range_left, CAMERA, pose_of(k, number), LENGTH)
-        for k, frame in enumerate(frames)]
-    ground, first = GroundCells.of(truth, cells), round(LEARNING * number)
-    later = GroundCells.of(truth[first:], cells[first:])
     return SurveyResult(
         Truth.of_water(
             frames[0].attenuation, np.zeros(3), clear_water(config), DEPTH,
             config.assessment.contrast),
         single,
         pooled,
-        {name: ground.variation(images[name]) for name in PICTURES},
-        later.variation(images["online"][first:]),
+        {name: variation(images[name], truth) for name in PICTURES},
         {name: mean_difference(scaled[name], truth) for name in PICTURES},
-        ground.count,
-        ground.views,
         [{name: scaled[name][k] for name in PICTURES}
          for k in sorted({(k * number) // 3 for k in range(3)})],
     )
@@ -318,8 +227,9 @@ def at_best_exposure(images: Sequence[Map], truth: Sequence[Map]) -> list[Map]:
 
 
 def mean_difference(images: Sequence[Map], truth: Sequence[Map]) -> float:
-    """Mean ΔE*ab over all frames, of linear images."""
+    """Mean ΔE*ab over all frames, of linear images, where a method has a colour."""
     return float(np.mean([
-        np.nanmean(colour_difference(np.clip(image, 0.0, 1.0), true))
+        colour_difference(np.clip(np.nan_to_num(image), 0.0, 1.0), true)[
+            np.isfinite(image).all(axis=2)].mean()
         for image, true in zip(images, truth, strict=True)
     ]))
