@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -27,9 +26,6 @@ scenes with all effects together, with none, and with each alone; path-traced sc
 should change nothing: noise of one code, one row and column cut off, the mirrored frame. Frames of
 the sea have no truth: their distances, and those of their halves, are listed.
 
-With --matcher a matcher is judged instead, beside the built-in one: scenes of --middlebury in clear
-and turbid water, without noise and with noise of 2 codes, and what becomes of the estimate.
-
 With --lamps the cases are frames by lamps that are told, as they are or wrongly; with daylight
 beside them; and by night, told as by day.
 
@@ -46,12 +42,6 @@ columns:
   low          part of the intervals whose lower end is beyond the truth; .16 is right
   crps         continuous ranked probability score of ln d: less is better
   ms           median time of a case
-
-columns with --matcher:
-  matched      part of the pixels; correct of those with known truth, wrong of the matched ones
-  |α̂ − α|      mean error of the mean attenuation, 1/m
-  score        root mean square of that error over its σ
-  off, σ       largest difference of α to that with the built-in matcher, in σ of the latter
 
 columns with --pictures:
   step, 8 px   99th percentile of the steps of the gain between neighbours, and pixels 8 px apart,
@@ -72,11 +62,6 @@ OPTIONS: Options = {
     "--estimator NAME": (
         "free", "free or paper, for the package's with that water.veil; or a file that "
         "`uw_visibility train` wrote"),
-    "--matcher NAME": (
-        "", "judge a matcher instead, by --middlebury: onnx for the network of --model", str),
-    "--model FILE": ("", "network in ONNX, for --matcher onnx", str),
-    "--params-file YAML": (
-        None, "parameters of the pipeline with --matcher, such as stereo.pixel_values", Path),
     "--cases N": (100, "views of each kind"),
     "--seed S": (0, "of the views"),
     "--each": (False, "a row for every effect alone, too"),
@@ -94,9 +79,6 @@ def run(arguments: argparse.Namespace) -> None:
     check_range("--cases", arguments.cases, 1, 1_000_000)
     if arguments.pictures:
         _judge_pictures(arguments)
-        return
-    if arguments.matcher:
-        _judge_matcher(arguments)
         return
     if arguments.lamps and arguments.scenes is None:
         raise InputError("no scenes for lamps: give --scenes")
@@ -121,25 +103,6 @@ def _estimator(name: str) -> Estimator:
     from uw_visibility_lab.posterior.judge import OnBoard
 
     return OnBoard(name) if name in ("free", "paper") else OnBoard(weights=Path(name))
-
-
-def _judge_matcher(arguments: argparse.Namespace) -> None:
-    if arguments.middlebury is None:
-        raise InputError("no scenes for a matcher: give --middlebury")
-    from uw_visibility.stereo.matchers import check_matcher
-    from uw_visibility_lab.commands import evaluate
-    from uw_visibility_lab.evaluation.matchers import compare_matchers
-    from uw_visibility_lab.evaluation.scenes import find_scenes
-
-    # As in `evaluate`, whose waters these are.
-    config = evaluate.read_config(arguments.params_file, {"water.veil": "paper"})
-    config = replace(config, stereo=replace(
-        config.stereo, matcher=arguments.matcher, model=arguments.model or config.stereo.model))
-    check_matcher(config.stereo, 1)
-    print(compare_matchers(
-        find_scenes([arguments.middlebury]), evaluate.QUICK_ATTENUATIONS, *evaluate.QUICK_DEPTHS,
-        ("0", *evaluate.QUICK_NOISES), config,
-        lambda done, total: progress_bar(done, "judge", total)))
 
 
 def _judge_pictures(arguments: argparse.Namespace) -> None:
