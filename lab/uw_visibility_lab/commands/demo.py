@@ -18,7 +18,7 @@ into it over DDS at the recorded rate, and hold what it publishes against the tr
 
 EPILOG = """\
 written to DIR:
-  frame_NNN.png   raw and enhanced image, disparity before, after and true
+  frame_NNN.png   raw and enhanced image, range, estimates and truth
   series.png      mean attenuation, visibility distance and depth over the truth
   frames.csv      a row for each frame
   transect/       the recording

@@ -22,8 +22,6 @@ from rclpy.task import Future
 from uw_visibility.messages.stamps import header_stamp, with_stamp
 from uw_visibility.ros.transport.factory import message_type
 
-UNSTAMPED = ("std_msgs/msg/Float64",)
-
 
 class Player:
     """Publisher of serialised messages.
@@ -71,6 +69,7 @@ class Arrival(NamedTuple):
 class Collector:
     """Collector: subscribes to topics and keeps every message with the time of its arrival.
 
+    Every type begins with a header.
     Messages stay serialised while they come in: that takes no time from the
     node that is being measured.
     """
@@ -88,7 +87,6 @@ class Collector:
     def wait(self, topic: str, stamp: int, timeout: float) -> bool:
         """Wait for a topic's message of that stamp or a later one; False if none comes.
 
-        topic: a topic whose messages have headers.
         stamp: stamp in ns.
         timeout: in s.
         """
@@ -99,24 +97,12 @@ class Collector:
             return self._news.wait_for(arrived, timeout)
 
     def by_stamp(self) -> dict[int, dict[str, Arrival]]:
-        """Return the arrivals by stamp (ns), then topic.
-
-        A message without a header belongs to the frame whose messages came in
-        nearest to it: the node publishes a frame's messages in one go.
-        """
-        with self._news:
-            arrivals = {topic: list(kept) for topic, kept in self._arrivals.items()}
+        """Return the arrivals by stamp (ns), then topic."""
         frames: dict[int, dict[str, Arrival]] = {}
-        unstamped = [t for t, name in self._topics.items() if name in UNSTAMPED]
-        for topic in self._topics.keys() - set(unstamped):
-            for arrival in arrivals[topic]:
-                frames.setdefault(header_stamp(arrival.data), {})[topic] = arrival
-        moments = [(a.time, stamp) for stamp, frame in frames.items() for a in frame.values()]
-        for topic in unstamped:
-            for arrival in arrivals[topic]:
-                near = [(abs(moment - arrival.time), stamp) for moment, stamp in moments]
-                if near:
-                    frames[min(near)[1]][topic] = arrival
+        with self._news:
+            for topic, arrivals in self._arrivals.items():
+                for arrival in arrivals:
+                    frames.setdefault(header_stamp(arrival.data), {})[topic] = arrival
         return frames
 
     def read(self, topic: str, arrival: Arrival) -> Any:

@@ -15,16 +15,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from uw_visibility.config.schema import AssessmentConfig
-from uw_visibility.images.arrays import Array, DisparityMap
+from uw_visibility.images.arrays import DisparityMap
+from uw_visibility.images.files import write_png
+from uw_visibility.images.overview import overview
 from uw_visibility.messages.images import read_disparity, read_image
 from uw_visibility.optics.light_model import visibility_distance
-from uw_visibility_lab.demonstration.recording import RecordedFrame, read_vector
-from uw_visibility_lab.evaluation.figures.style import (
-    DISPARITY_COLOURS,
-    OURS,
-    TRUTH_STYLE,
-    save,
-)
+from uw_visibility_lab.demonstration.recording import RecordedFrame
+from uw_visibility_lab.evaluation.figures.style import OURS, TRUTH_STYLE, save
 from uw_visibility_lab.evaluation.metrics import correct_fraction, matched_fraction
 from uw_visibility_lab.evaluation.tables import as_csv
 
@@ -39,10 +36,8 @@ QUANTITIES = {
 }
 
 READ: dict[str, tuple[str, Callable[[Any], float]]] = {
-    "mean_attenuation": ("visibility/mean_attenuation", lambda m: m.data),
-    # The three channels' errors are alike: ranges and light are common to them.
-    "mean_attenuation_stddev": (
-        "visibility/attenuation_stddev", lambda m: float(np.mean(read_vector(m)))),
+    "mean_attenuation": ("visibility/mean_attenuation_stamped", lambda m: m.vector.x),
+    "mean_attenuation_stddev": ("visibility/mean_attenuation_stamped", lambda m: m.vector.y),
     "visibility_distance": ("visibility/distance", lambda m: m.range),
     "visibility_distance_stddev": ("visibility/distance", lambda m: math.sqrt(m.variance)),
     "depth": ("visibility/depth", lambda m: -m.pose.pose.position.z),
@@ -164,7 +159,8 @@ def _draw_series(path: Path, rows: Sequence[FrameComparison]) -> None:
             time, value, "o-", color=OURS, markersize=3.5, linewidth=1.2, label="each frame alone")
         axes.plot(time, truth, **TRUTH_STYLE)
         axes.set_ylabel(label)
-        axes.set_ylim(*_limits(value, truth))
+        # A wild estimate does not set the limits.
+        axes.set_ylim(0.0, 2.0 * truth.max())
         axes.grid(alpha=0.25)
         missing = time[~np.isfinite(value)]
         if missing.size:
@@ -182,45 +178,20 @@ def _draw_series(path: Path, rows: Sequence[FrameComparison]) -> None:
     save(figure, path)
 
 
-def _limits(value: Array, truth: Array) -> tuple[float, float]:
-    """Return limits that hold the truth and nearly all estimates; a wild one does not set them."""
-    known = value[np.isfinite(value)]
-    low, high = np.percentile(known, [3, 97]) if known.size else (0.0, 0.0)
-    top = max(float(truth.max()), float(high))
-    return min(0.0, 1.15 * float(low)), 1.2 * top
-
-
 def draw_frame(
-    path: Path, frame: RecordedFrame, answer: Mapping[str, Any], before: DisparityMap,
-    row: FrameComparison,
+    path: Path, frame: RecordedFrame, answer: Mapping[str, Any], row: FrameComparison
 ) -> None:
-    """Draw one frame: raw and enhanced image, disparity before, after and true, numbers."""
-    height, width = frame.left.shape[:2]
-    figure = Figure(figsize=(15.0, 9.4 * height / width + 0.8), layout="constrained")
-    upper, lower = figure.subplots(2, 3)
-    enhanced = read_image(answer["left/enhanced/image"])
-    for axes, image, name in zip(upper, (frame.left, enhanced), ("raw", "enhanced"), strict=False):
-        axes.imshow(image)
-        axes.set_title(name)
-    lines = [f"time {row.time:.1f} s, latency {row.latency:.0f} ms", ""]
-    for name, label in QUANTITIES.items():
+    """Draw one frame: raw and enhanced image, range, and numbers."""
+    ranges = frame.rig.range_from_disparity(read_disparity(answer["disparity"]))
+    words = [f"time {row.time:.1f} s, latency {row.latency:.0f} ms"]
+    for name in QUANTITIES:
         value, stddev, truth = (
             getattr(row, field) for field in (name, f"{name}_stddev", f"true_{name}"))
-        estimate = f"{value:.3f} ± {stddev:.3f}" if math.isfinite(value) else "not assessed"
-        lines += [label, f"  {estimate}, truth {truth:.3f}"]
-    upper[2].text(
-        0.02, 0.95, "\n".join(lines), va="top", fontsize=12, transform=upper[2].transAxes)
-    largest = float(np.nanmax(frame.disparity, initial=1.0))
-    for axes, disparity, name in (
-        (lower[0], before, f"disparity before: {row.matched_before:.0%} matched, "
-         f"{row.correct_before:.0%} correct"),
-        (lower[1], read_disparity(answer["disparity"]), f"disparity after: "
-         f"{row.matched_after:.0%} matched, {row.correct_after:.0%} correct"),
-        (lower[2], frame.disparity, "true disparity (black: open water)"),
-    ):
-        drawn = axes.imshow(disparity, cmap=DISPARITY_COLOURS, vmin=0.0, vmax=largest)
-        axes.set_title(name)
-    figure.colorbar(drawn, ax=list(lower), label="px", fraction=0.015, pad=0.01)
-    for axes in (*upper, *lower):
-        axes.set_axis_off()
-    save(figure, path)
+        estimate = f"{value:.3f} +- {stddev:.3f}" if math.isfinite(value) else "not assessed"
+        words.append(f"{name.replace('_', ' ')} {estimate}, truth {truth:.3f}")
+    words.append(
+        f"disparities matched {row.matched_before:.0%} before, {row.matched_after:.0%} after; "
+        f"correct {row.correct_before:.0%} before, {row.correct_after:.0%} after")
+    write_png(path, overview(
+        frame.left, read_image(answer["left/enhanced/image"]), ranges, "; ".join(words),
+        frame.rig.range_error()))

@@ -69,22 +69,18 @@ def read_recording(path: Path) -> tuple[dict[str, str], list[RecordedFrame]]:
 
 def _frame(time: int, instant: dict[str, Any]) -> RecordedFrame:
     message = {topic: pair[1] for topic, pair in instant.items()}
+    beta = message[TRUTH + "attenuation"].vector
     return RecordedFrame(
         time=time,
         serialized={t: pair[0] for t, pair in instant.items() if not t.startswith(TRUTH)},
         left=read_image(message["/left/image_rect"]),
         right=read_image(message["/right/image_rect"]),
         rig=StereoRig.from_camera_info(message["/left/camera_info"], message["/right/camera_info"]),
-        attenuation=read_vector(message[TRUTH + "attenuation"]),
+        attenuation=np.array([beta.x, beta.y, beta.z]),
         mean_attenuation=message[TRUTH + "mean_attenuation"].data,
         depth=-message[TRUTH + "depth"].pose.pose.position.z,
         disparity=read_disparity(message[TRUTH + "disparity"]),
     )
-
-
-def read_vector(message: Any) -> Array:
-    """Return the components of a Vector3Stamped."""
-    return np.array([message.vector.x, message.vector.y, message.vector.z])
 
 
 def wait_until_ready(

@@ -34,6 +34,9 @@ Item = TypeVar("Item")
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
+STAMPED = {topic: kind for topic, kind in TOPICS.items() if kind != "std_msgs/msg/Float64"}
+"""Type of message by topic, of those that say which frame they are of."""
+
 PICTURES = 4
 """Frames that are drawn, evenly spread over the transect."""
 
@@ -117,7 +120,7 @@ def _ask(
     """Play the frames into the node and return its answer to each."""
     from uw_visibility_lab.demonstration.client import open_link
 
-    with open_link(domain, topics, TOPICS) as (player, collector):
+    with open_link(domain, topics, STAMPED) as (player, collector):
         tell("waiting for the node to be ready")
         recording.wait_until_ready(check, player, collector, frames[0])
         shown = progress_bar(frames, "play", len(frames))
@@ -141,5 +144,5 @@ def _compare(
         rows.append(row)
         if index in pictured and {"left/enhanced/image", "disparity"} <= answer.messages.keys():
             path = folder / f"frame_{index:03d}.png"
-            comparison.draw_frame(path, frame, answer.messages, before, row)
+            comparison.draw_frame(path, frame, answer.messages, row)
     return rows
