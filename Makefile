@@ -9,7 +9,7 @@
 #   make lint          ruff, mypy, import-linter
 #   make quick         lint, and the tests that start no nodes and render little: two minutes
 #   make soak          the node for half an hour on good and bad pairs: see soak.json
-#   make bench         speed against OpenCV's StereoSGBM, and noise: see bench.json
+#   make bench         speed against OpenCV's StereoSGBM: see bench.json
 #   make rates         how many frames of SIZE=640x480 the node answers here: four minutes
 #   make figures       measure accuracy and speed anew for docs/reference/figures.md: ten minutes
 #   make test-oldest   the tests with the versions of Ubuntu 24.04 (needs Python 3.12)
@@ -99,12 +99,14 @@ rates: venv
 
 # Random views, rendered reefs in adverse water, speed; what they print goes into build/figures.
 figures: MEASURED := build/figures
+figures: SCENES := $(wildcard $(addprefix ../shared/data/middlebury/,art dolls moebius))
 figures: venv
 	mkdir -p $(MEASURED)
 	git log -1 --format='commit %h of %cs' > $(MEASURED)/version
 	test -d $(MEASURED)/pool || $(VENV)/bin/python -m uw_visibility_lab.worlds pool --count 60 --seed 7 -o $(MEASURED)/pool
 	$(VENV)/bin/uw_visibility judge --scenes $(MEASURED)/pool > $(MEASURED)/judge.txt
 	$(VENV)/bin/uw_visibility evaluate --adverse --force -o $(MEASURED)/adverse
+	$(VENV)/bin/uw_visibility evaluate --quick --force -o $(MEASURED)/experiments $(SCENES)
 	$(VENV)/bin/python -m benchmarks --small --json $(MEASURED)/bench.json
 	$(VENV)/bin/python tools/draw_pages figures $(MEASURED)
 

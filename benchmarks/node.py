@@ -5,13 +5,16 @@
     python -m benchmarks.node --rate 30 --seconds 120
     python -m benchmarks.node --rate 4 --seconds 60 --everything
     python -m benchmarks.node --table --seconds 30 --size 1280x960
+    python -m benchmarks.node --starts 5 --disparity-only
 
 Node, camera and listener are three processes; the node's environment is that of its launch
 file.
 Latency is from an image's stamp, which is the moment of its publication, to the arrival of
 its disparity. Growth of the memory counts from 15 s after the first answer. `--table` (`make
 rates`) prints how many frames are answered at 10, 15 and 30 Hz, with the disparity subscribed
-to and with all images. Measure on an idle machine: the three share its processors.
+to and with all images. `--starts` times starts instead, with the camera running, until the first
+answer; `--cold` does so without kernels on disk. Measure on an idle machine: the three share its
+processors.
 """
 
 from __future__ import annotations
@@ -42,19 +45,21 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 
-from benchmarks.stereo_messages import stereo_messages
+from benchmarks.__main__ import load_pair
 from benchmarks.timing import processor_time
 from uw_visibility.compute.threads import use_one_thread
 from uw_visibility.config.schema import NodeConfig
+from uw_visibility.messages.images import write_image
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.stamps import header_stamp
 from uw_visibility.ros.start import node_environment
-from uw_visibility.ros.transport.factory import message_type
+from uw_visibility.ros.transport.factory import make_message, message_type
 from uw_visibility_lab.demonstration.node_process import reserved_domain
 
 START_TIMEOUT = 300.0
 # Memory settles while the first frames are processed, s.
 WARM_UP = 15.0
+BASELINE = 0.160
 ASK_PERIOD = 0.25
 MEMORY_PERIOD = 0.5
 TABLE_RATES = (10.0, 15.0, 30.0)
@@ -76,12 +81,17 @@ def main() -> int:
     parser.add_argument("--disparity-only", action="store_true", help="subscribe to no image")
     parser.add_argument("-p", action="append", default=[], metavar="NAME:=VALUE", dest="given",
                         help="parameter of the node")
+    parser.add_argument("--starts", type=int, default=0, help="time so many starts instead")
+    parser.add_argument("--cold", action="store_true", help="every start compiles all kernels")
     parser.add_argument("--json", metavar="FILE", help="write the numbers there")
     options = parser.parse_args()
     use_one_thread()
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     if options.table:
         print_table(options)
+        return 0
+    if options.starts:
+        print_starts(options)
         return 0
     report = run(options)
     for name, value in report.items():
@@ -106,19 +116,49 @@ def print_table(options: argparse.Namespace) -> None:
                 f"{report['processor time per answer (ms)']:.0f} ms |", flush=True)
 
 
+def print_starts(options: argparse.Namespace) -> None:
+    """Print how long the node takes from its start to its first answer.
+
+    The time of the processors tells more than that of the clock where others use the machine.
+    """
+    times = []
+    for _ in range(options.starts):
+        with tempfile.TemporaryDirectory() as folder, reserved_domain() as domain:
+            os.environ["ROS_DOMAIN_ID"] = str(domain)
+            if options.cold:
+                os.environ["NUMBA_CACHE_DIR"] = folder
+            listener, camera = start_camera(Path(folder), options, "--wait", "0")
+            begin = time.monotonic()
+            try:
+                with started_node(folder, options) as process:
+                    while not listener.answers:
+                        check(process, begin, Path(folder))
+                        time.sleep(0.01)
+                    times.append((time.monotonic() - begin, processor_time(process.pid)))
+            finally:
+                camera.kill()
+                camera.wait()
+                listener.close()
+        print("first answer after {:.2f} s, processors {:.2f} s".format(*times[-1]), flush=True)
+    elapsed, worked = (statistics.median(column) for column in zip(*times, strict=True))
+    print(f"median: {elapsed:.2f} s; processors {worked:.2f} s")
+
+
 def run(options: argparse.Namespace) -> dict[str, Any]:
     """Start the node, publish into it, and return the numbers."""
-    arguments = [part for given in options.given for part in ("-p", given)]
-    arguments += EVERYTHING if options.everything else ()
     with tempfile.TemporaryDirectory() as folder, reserved_domain() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
-        with started_node(folder, arguments) as process:
+        with started_node(folder, options) as process:
             return measure(process, Path(folder), options)
 
 
 @contextmanager
-def started_node(folder: str, arguments: list[str]) -> Iterator[subprocess.Popen[bytes]]:
+def started_node(
+    folder: str, options: argparse.Namespace
+) -> Iterator[subprocess.Popen[bytes]]:
     """Start the node, and stop it at the end; its log stands in the folder."""
+    arguments = [part for given in options.given for part in ("-p", given)]
+    arguments += EVERYTHING if options.everything else ()
     command = [sys.executable, "-m", "uw_visibility.ros.node"]
     command += ["--ros-args", *arguments] if arguments else []
     with (Path(folder) / "node.log").open("wb") as log:
@@ -137,27 +177,12 @@ def measure(
     process: subprocess.Popen[bytes], folder: Path, options: argparse.Namespace
 ) -> dict[str, Any]:
     """Publish into the running node, listen, and return the numbers."""
-    log = folder / "node.log"
-    end = time.monotonic() + START_TIMEOUT
-    while "ready after" not in log.read_text(encoding="utf-8"):
-        if process.poll() is not None or time.monotonic() > end:
-            raise RuntimeError(f"the node has not started:\n{log.read_text(encoding='utf-8')}")
+    begin = time.monotonic()
+    while "ready after" not in (folder / "node.log").read_text(encoding="utf-8"):
+        check(process, begin, folder)
         time.sleep(0.1)
     ready = memory(process.pid)
-    frame = folder / "frame.pickle"
-    frame.write_bytes(pickle.dumps(make_frame(*map(int, options.size.split("x")))))
-    config = NodeConfig(publish_depth_image=options.everything, publish_points=options.everything)
-    topics = all_topics(config)
-    if options.disparity_only:
-        topics = {topic: name for topic, name in topics.items() if topic == "disparity"}
-    rclpy.init(args=[])
-    listener = Listener(topics)
-    publisher = subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.node_publisher", str(frame), "--rate",
-         str(options.rate), "--frames", str(round(options.rate * options.seconds)),
-         *(["--best-effort"] if options.best_effort else [])],
-        stdout=subprocess.PIPE,
-    )
+    listener, publisher = start_camera(folder, options)
     history, load = watch(process.pid, publisher, listener)
     sent = json.loads(publisher.communicate()[0])
     time.sleep(1.5)
@@ -169,9 +194,49 @@ def measure(
     }
 
 
+def check(process: subprocess.Popen[bytes], begin: float, folder: Path) -> None:
+    """Raise RuntimeError where the node has ended, or takes too long to start."""
+    if process.poll() is not None or time.monotonic() > begin + START_TIMEOUT:
+        log = (folder / "node.log").read_text(encoding="utf-8")
+        raise RuntimeError(f"the node has not started:\n{log}")
+
+
+def start_camera(
+    folder: Path, options: argparse.Namespace, *more: str
+) -> tuple[Listener, subprocess.Popen[bytes]]:
+    """Start a listener and a camera, which publishes once the node subscribes."""
+    frame = folder / "frame.pickle"
+    frame.write_bytes(pickle.dumps(make_frame(*map(int, options.size.split("x")))))
+    config = NodeConfig(publish_depth_image=options.everything, publish_points=options.everything)
+    topics = all_topics(config)
+    if options.disparity_only:
+        topics = {topic: name for topic, name in topics.items() if topic == "disparity"}
+    rclpy.init(args=[])
+    listener = Listener(topics)
+    publisher = subprocess.Popen(
+        [sys.executable, "-m", "benchmarks.node_publisher", str(frame), "--rate",
+         str(options.rate), "--frames", str(round(options.rate * options.seconds)),
+         *(["--best-effort"] if options.best_effort else []), *more],
+        stdout=subprocess.PIPE,
+    )
+    return listener, publisher
+
+
 def make_frame(width: int, height: int) -> tuple[dict[str, str], dict[str, bytes]]:
-    """Return types and serialised messages of a stereo frame by topic."""
-    messages = stereo_messages(width, height)
+    """Return types and serialised messages of a stereo frame by topic, in drivers' order."""
+    left, right, _ = load_pair(width, height)
+    focal = 3740.0 * width / 1282
+    cx, cy = (width - 1) / 2, (height - 1) / 2
+    messages = {}
+    for side, image, offset in (("left", left, 0.0), ("right", right, -focal * BASELINE)):
+        header = make_message("std_msgs/msg/Header", frame_id=f"{side}_camera")
+        messages[f"{side}/image_rect"] = write_image(make_message, image, "rgb8", header)
+        messages[f"{side}/camera_info"] = make_message(
+            "sensor_msgs/msg/CameraInfo", header=header, width=width, height=height,
+            distortion_model="plumb_bob", d=[0.0] * 5, r=np.eye(3).ravel(),
+            k=[focal, 0.0, cx, 0.0, focal, cy, 0.0, 0.0, 1.0],
+            p=[focal, 0.0, cx, offset, 0.0, focal, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        )
     types = {
         topic: f"sensor_msgs/msg/{type(message).__name__}" for topic, message in messages.items()
     }
