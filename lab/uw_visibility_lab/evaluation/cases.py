@@ -21,7 +21,7 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import DisparityMap, Image8, Map
+from uw_visibility.images.arrays import Array, DisparityMap, Image8, Map
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.optics.light_model import contrast_gain, radiance_of
 from uw_visibility.optics.transfer import from_linear, to_linear
@@ -34,7 +34,6 @@ from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.observations import Envelopes
 from uw_visibility_lab.evaluation import baselines, metrics
 from uw_visibility_lab.evaluation.degrade import QUIET, fill_from_background, sensor_of
-from uw_visibility_lab.evaluation.metrics import Reliability
 from uw_visibility_lab.evaluation.readings import Reading, Truth, read_exact, reader_of
 from uw_visibility_lab.evaluation.scenes import SceneSource, search_limit, tolerance
 from uw_visibility_lab.evaluation.tables import flat
@@ -116,7 +115,8 @@ class CaseResult:
     colour_difference: dict[str, float]
     pictures: Pictures | None = None  # where the case asked for them
     noise: str = QUIET  # noise of the sensor
-    reliability: Reliability | None = None  # of our confidence; None where the pair was refused
+    # counts of `metrics.reliability` of our confidence; None where the pair was refused
+    reliability: Array | None = None
     # small images under water and enhanced, where the case asked for them
     thumbnails: dict[str, Image8] = field(default_factory=dict)
 
@@ -207,8 +207,8 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
         thumbnails={} if not case.thumbnails else {
             name: _thumbnail(images[name]) for name in ("degraded", "final") if name in images},
         noise=case.noise,
-        reliability=None if result is None or result.stereo.confidence is None else Reliability.of(
-            result.disparity, result.stereo.confidence, *known),
+        reliability=None if result is None or result.stereo.confidence is None else (
+            metrics.reliability(result.disparity, result.stereo.confidence, *known)),
     )
 
 

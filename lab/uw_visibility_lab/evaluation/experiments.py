@@ -12,11 +12,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import check_range
 from uw_visibility_lab.evaluation.cases import Case, CaseResult, evaluate_case
 from uw_visibility_lab.evaluation.degrade import QUIET, sensor_of
-from uw_visibility_lab.evaluation.metrics import Reliability
+from uw_visibility_lab.evaluation.metrics import reliability_rows
 from uw_visibility_lab.evaluation.parallel import Progress, run_cases
 from uw_visibility_lab.evaluation.scenes import SceneSource
 from uw_visibility_lab.evaluation.studies import grouped
@@ -93,13 +95,13 @@ class Evaluation:
         """Cases without noise of the sensor."""
         return [case for case in self.cases if case.noise == QUIET]
 
-    def reliability(self) -> dict[str, Reliability]:
-        """Return the reliability of our confidence over all cases of each noise."""
-        parts = [
+    def reliability(self) -> dict[str, list[dict[str, float]]]:
+        """Return `metrics.reliability_rows` of our confidence over all cases of each noise."""
+        counted = [
             (case.noise, case.reliability) for case in self.cases if case.reliability is not None]
         return {
-            noise: Reliability.total(part for _, part in same)
-            for noise, same in grouped(parts, lambda part: part[0]).items()}
+            noise: reliability_rows(np.sum([counts for _, counts in same], axis=0))
+            for noise, same in grouped(counted, lambda each: each[0]).items()}
 
 
 def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: items) -> Evaluation:

@@ -4,9 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -54,57 +52,34 @@ def bad_fraction(disparity: DisparityMap, truth: DisparityMap, tolerance: float 
     return float((np.abs(disparity[both] - truth[both]) > tolerance).mean())
 
 
-@dataclass(frozen=True)
-class Reliability:
-    """Matched pixels with known truth in bins of confidence.
+def reliability(
+    disparity: DisparityMap, confidence: Map, truth: DisparityMap, tolerance: float
+) -> Array:
+    """Count the pixels with matched and true disparity, px, by confidence (0 .. 1).
+
+    Returns (3, BINS): their number, the sum of their confidence, and those that are right. Counts
+    of several pairs add up; see `reliability_rows`.
+    """
+    counted = np.isfinite(disparity) & np.isfinite(truth)
+    rated = confidence[counted].astype(np.float64)
+    right = np.abs(disparity[counted] - truth[counted]) <= tolerance
+    place = np.clip((rated * BINS).astype(np.int64), 0, BINS - 1)
+    return np.array([np.bincount(place, weight, BINS) for weight in (None, rated, right)], float)
+
+
+def reliability_rows(counts: Array) -> list[dict[str, float]]:
+    """Return a row for each bin with pixels: mean confidence, right share, part of all.
 
     Where confidence and the share of right disparities agree in every bin, confidence is
     calibrated (Murphy and Winkler, 1977, doi:10.2307/2346866).
     """
+    return [
+        {"confidence": rated / pixels, "right": right / pixels, "part": pixels / counts[0].sum()}
+        for pixels, rated, right in counts.T[counts[0] > 0].tolist()
+    ]
 
-    pixels: NDArray[np.int64]  # (BINS,); their number
-    confidence: Array  # (BINS,); sum of their confidence
-    right: NDArray[np.int64]  # (BINS,); those whose disparity is right
 
-    @classmethod
-    def of(
-        cls, disparity: DisparityMap, confidence: Map,
-        truth: DisparityMap, tolerance: float,
-    ) -> Reliability:
-        """Count the pixels with matched and true disparity, px, by confidence (0 .. 1)."""
-        counted = np.isfinite(disparity) & np.isfinite(truth)
-        rated = confidence[counted].astype(np.float64)
-        right = np.abs(disparity[counted] - truth[counted]) <= tolerance
-        place = np.clip((rated * BINS).astype(np.int64), 0, BINS - 1)
-        return cls(
-            np.bincount(place, minlength=BINS),
-            np.asarray(np.bincount(place, rated, BINS), np.float64),
-            np.bincount(place[right], minlength=BINS),
-        )
-
-    @classmethod
-    def total(cls, parts: Iterable[Reliability]) -> Reliability:
-        """Return the sum of several."""
-        sums = cls(np.zeros(BINS, np.int64), np.zeros(BINS), np.zeros(BINS, np.int64))
-        for part in parts:
-            sums = cls(
-                sums.pixels + part.pixels, sums.confidence + part.confidence,
-                sums.right + part.right)
-        return sums
-
-    @property
-    def expected_error(self) -> float:
-        """Mean difference of confidence and right share over the pixels; NaN without any."""
-        pixels = self.pixels.sum()
-        return float(np.abs(self.confidence - self.right).sum() / pixels) if pixels else np.nan
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Return a row for each bin with pixels: mean confidence, right share, part of all."""
-        return [
-            {
-                "confidence": self.confidence[k] / self.pixels[k],
-                "right": self.right[k] / self.pixels[k],
-                "part": self.pixels[k] / self.pixels.sum(),
-            }
-            for k in np.flatnonzero(self.pixels)
-        ]
+def expected_error(rows: Sequence[Mapping[str, float]]) -> float:
+    """Mean difference of confidence and right share over the pixels; NaN without any."""
+    differences = [row["part"] * abs(row["confidence"] - row["right"]) for row in rows]
+    return sum(differences) if rows else np.nan

@@ -80,7 +80,7 @@ def write_evaluation(folder: Path, evaluation: Evaluation, summary: Summary) -> 
         "cases": [case.row() for case in evaluation.cases],
         "reliability": [
             {"noise": noise, **row}
-            for noise, of_noise in evaluation.reliability().items() for row in of_noise.rows()],
+            for noise, rows in evaluation.reliability().items() for row in rows],
     }
     plan = evaluation.plan
     settings = {

@@ -28,7 +28,7 @@ from uw_visibility_lab.evaluation.figures.style import (
     Style,
     save,
 )
-from uw_visibility_lab.evaluation.metrics import Reliability
+from uw_visibility_lab.evaluation.metrics import expected_error
 
 ROW_HEIGHT = 2.7
 # Okabe and Ito's colours.
@@ -122,15 +122,16 @@ def _draw_panels(
     save(figure, path)
 
 
-def draw_reliability(path: Path, by_noise: Mapping[str, Reliability]) -> None:
+def draw_reliability(
+    path: Path, by_noise: Mapping[str, Sequence[Mapping[str, float]]]
+) -> None:
     """Draw the share of right disparities over confidence, and how many have which, by noise."""
     figure = Figure(figsize=(6.4, 6.0), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     above.plot((0, 1), (0, 1), **{**TRUTH_STYLE, "label": "calibrated"})
-    for k, (noise, reliability) in enumerate(by_noise.items()):
-        rows = reliability.rows()
+    for k, (noise, rows) in enumerate(by_noise.items()):
         x = [row["confidence"] for row in rows]
-        label = f"{title_of(noise)}: off by {reliability.expected_error:.3f}"
+        label = f"{title_of(noise)}: off by {expected_error(rows):.3f}"
         colour = COLOURS[k % len(COLOURS)]
         above.plot(x, [row["right"] for row in rows], color=colour, marker="o", label=label)
         below.plot(x, [row["part"] for row in rows], color=colour, marker="o")
