@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import defaultdict
 from pathlib import Path
 
 import cv2
@@ -22,7 +23,7 @@ pytest.importorskip("rosbags")
 pytest.importorskip("matplotlib")
 
 from uw_visibility.messages.stamps import header_stamp, with_stamp
-from uw_visibility_lab.demonstration.comparison import FrameComparison, score, summarize
+from uw_visibility_lab.demonstration.comparison import score, summarize
 from uw_visibility_lab.demonstration.node_process import NodeDied, NodeProcess
 
 pytestmark = pytest.mark.node
@@ -211,17 +212,16 @@ def test_score_counts_pixels_with_truth_only() -> None:
 
 
 def test_summary_is_over_the_frames_that_were_answered() -> None:
+    def row(**known: float) -> dict[str, float]:
+        return defaultdict(lambda: math.nan, known)
+
     rows = [
-        FrameComparison(
-            0.0, True, 100.0, mean_attenuation=0.15, true_mean_attenuation=0.1,
+        row(answered=1, latency=100.0, mean_attenuation=0.15, true_mean_attenuation=0.1,
             depth=3.0, true_depth=2.5, matched_before=0.5, matched_after=0.7,
-            correct_before=0.4, correct_after=0.6,
-        ),
-        FrameComparison(
-            0.5, True, 300.0, true_mean_attenuation=0.1, true_depth=2.5,
-            matched_before=0.3, matched_after=0.9, correct_before=0.2, correct_after=0.8,
-        ),
-        FrameComparison(1.0, False, matched_before=1.0, correct_before=1.0),
+            correct_before=0.4, correct_after=0.6),
+        row(answered=1, latency=300.0, true_mean_attenuation=0.1, true_depth=2.5,
+            matched_before=0.3, matched_after=0.9, correct_before=0.2, correct_after=0.8),
+        row(answered=0, matched_before=1.0, correct_before=1.0),
     ]
     summary = dict(summarize(rows))
     assert summary["frames in"] == "3"
@@ -233,4 +233,3 @@ def test_summary_is_over_the_frames_that_were_answered() -> None:
     assert summary["correct (<= 1 px), after"] == "0.700"
     assert summary["median latency, image to last result"] == "200 ms"
     assert dict(summarize([rows[2]]))["mean absolute error of alpha"] == "not assessed"
-    assert math.isnan(rows[2].latency)

@@ -19,7 +19,7 @@ from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.replay.bags.writer import check_bag
 from uw_visibility.replay.progress import progress_bar, tell
 from uw_visibility_lab.demonstration import comparison, recording
-from uw_visibility_lab.demonstration.comparison import FrameComparison
+from uw_visibility_lab.demonstration.comparison import Row
 from uw_visibility_lab.demonstration.node_process import (
     PROFILE_COMMENT,
     NodeProcess,
@@ -129,7 +129,7 @@ def _ask(
 
 def _compare(
     folder: Path, frames: Sequence[RecordedFrame], answers: Sequence[Answer], check: Check
-) -> list[FrameComparison]:
+) -> list[Row]:
     """Compare the answers with the truth, and draw some of them."""
     # The raw pairs are matched here, by the pipeline's own matcher.
     pipeline = Pipeline(frames[0].rig)
