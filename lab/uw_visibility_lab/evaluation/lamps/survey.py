@@ -64,25 +64,6 @@ BLOCK = 16
 DARK = 0.05
 """Reflectance below which a piece is not counted: its relative variation says little."""
 
-
-def variation(images: Sequence[Map], truth: Sequence[Map]) -> Array:
-    """Variation of what pictures show of the same reflectance, over frames and ground, RGB.
-
-    It is that of pieces of ground over their true reflectance: half of the distance of the 16 and
-    the 84 % quantile, over the median.
-    """
-    seen, true = (np.concatenate([_pieces(image) for image in some]) for some in (images, truth))
-    low, middle, high = np.nanquantile(
-        np.where(true > DARK, seen / np.maximum(true, DARK), np.nan), (0.16, 0.5, 0.84), axis=0)
-    return np.asarray((high - low) / (2.0 * middle))
-
-
-def _pieces(image: Map) -> Array:
-    height, width = (size // BLOCK for size in image.shape[:2])
-    return np.asarray(cv2.resize(
-        image, (width, height), interpolation=cv2.INTER_AREA).reshape(-1, 3), np.float64)
-
-
 LAMPS = 2
 MEAN_ATTENUATION = 0.15
 """Attenuation by grey particles, 1/m."""
@@ -216,6 +197,24 @@ def _oracle(frame: RenderedFrame) -> Map:
     )
     seen = to_linear(frame.left, "linear")
     return np.maximum((seen - veil) / np.maximum(light, np.float32(1e-6)), 0.0)
+
+
+def variation(images: Sequence[Map], truth: Sequence[Map]) -> Array:
+    """Variation of what pictures show of the same reflectance, over frames and ground, RGB.
+
+    It is that of pieces of ground over their true reflectance: half of the distance of the 16 and
+    the 84 % quantile, over the median.
+    """
+    seen, true = (np.concatenate([_pieces(image) for image in some]) for some in (images, truth))
+    low, middle, high = np.nanquantile(
+        np.where(true > DARK, seen / np.maximum(true, DARK), np.nan), (0.16, 0.5, 0.84), axis=0)
+    return np.asarray((high - low) / (2.0 * middle))
+
+
+def _pieces(image: Map) -> Array:
+    height, width = (size // BLOCK for size in image.shape[:2])
+    return np.asarray(cv2.resize(
+        image, (width, height), interpolation=cv2.INTER_AREA).reshape(-1, 3), np.float64)
 
 
 def at_best_exposure(images: Sequence[Map], truth: Sequence[Map]) -> list[Map]:
