@@ -198,8 +198,9 @@ def _draw_points(axes: Any, pictures: Pictures, channel: int) -> None:
         values = image[..., channel].ravel()[chosen] / 255
         axes.plot(
             distance, values, ".", color=colour, alpha=0.35, markersize=2.5, markeredgewidth=0.0,
-            label=label,
         )
+        # Points as faint would not be seen in the legend.
+        axes.plot([], [], ".", color=colour, label=label)
 
 
 def write_figures(folder: Path, evaluation: Evaluation, file_format: str = "png") -> None:
