@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,31 +16,10 @@ from uw_visibility.errors import InputError
 from uw_visibility.stereo.rig import StereoRig
 
 
-@dataclass
-class WholeImage:
-    """Region of interest of a calibration file: there is none."""
-
-    x_offset: int = 0
-    y_offset: int = 0
-    width: int = 0
-    height: int = 0
-    do_rectify: bool = False
-
-
-@dataclass
-class FileCameraInfo:
-    """Calibration of one camera as its file states it, with the fields of a CameraInfo."""
-
-    width: int
-    height: int
-    distortion_model: str
-    k: list[float]
-    d: list[float]
-    r: list[float]
-    p: list[float]
-    binning_x: int = 0
-    binning_y: int = 0
-    roi: WholeImage = field(default_factory=WholeImage)
+def _info(**fields: Any) -> Any:
+    """Return one camera's calibration as its file states it, with the fields of a CameraInfo."""
+    whole = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0, do_rectify=False)
+    return SimpleNamespace(**fields, binning_x=0, binning_y=0, roi=whole)
 
 
 def read_rig(paths: Sequence[str | Path]) -> tuple[StereoRig, tuple[int, int] | None]:
@@ -64,7 +43,7 @@ def read_rig(paths: Sequence[str | Path]) -> tuple[StereoRig, tuple[int, int] | 
     )
 
 
-def read_camera_infos(paths: Sequence[str | Path]) -> tuple[FileCameraInfo, FileCameraInfo]:
+def read_camera_infos(paths: Sequence[str | Path]) -> tuple[Any, Any]:
     """Read the calibration of each camera of a pair.
 
     paths: as `read_rig` takes them. A JSON file must state ``width`` and ``height``; to rectify, it
@@ -81,7 +60,7 @@ def read_camera_infos(paths: Sequence[str | Path]) -> tuple[FileCameraInfo, File
     infos = []
     for side, number in (("left", 1), ("right", 2)):
         projection = np.asarray(content[f"P{number}"], np.float64)
-        infos.append(FileCameraInfo(
+        infos.append(_info(
             width=size[0],
             height=size[1],
             distortion_model="plumb_bob",
@@ -130,11 +109,11 @@ def _from_camera_info_files(left: Path, right: Path) -> tuple[StereoRig, tuple[i
     return rig, (infos[0].width, infos[0].height)
 
 
-def _camera_info(path: Path) -> FileCameraInfo:
+def _camera_info(path: Path) -> Any:
     """Read a camera's YAML file."""
     content = _read(path)
     width, height = _size(path, content, "image_width", "image_height")
-    return FileCameraInfo(
+    return _info(
         width=width,
         height=height,
         distortion_model=content.get("distortion_model", "plumb_bob"),
