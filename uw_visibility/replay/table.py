@@ -8,8 +8,9 @@ Beside it lies its dictionary, as CSV on the Web has it (W3C, tabular metadata).
 from __future__ import annotations
 
 import csv
-import itertools
 import json
+import sys
+from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,8 +22,6 @@ from uw_visibility.errors import cell, refusing, uncell
 from uw_visibility.images.arrays import Array
 from uw_visibility.replay.columns import TRANSECT, Column
 
-ROWS = 1024
-"""Rows of a slice."""
 SUFFIX = "-metadata.json"
 """Where CSV on the Web looks for the dictionary of a table: behind its name."""
 
@@ -66,27 +65,30 @@ def read_columns(path: Path, names: Sequence[str]) -> dict[str, Array]:
 
     Returns dict of str to (n,) float64, NaN for what is not known.
     """
-    parts = list(slices(path, dict.fromkeys(names, Column("number", ""))))
-    return {name: np.concatenate([part[name] for part in parts]) for name in names}
+    return read_table(path, dict.fromkeys(names, Column("number", "")))
 
 
-def slices(path: Path, columns: Mapping[str, Column]) -> Iterator[dict[str, NDArray]]:
-    """Yield a table's columns in slices of `ROWS`; one without rows where there are none.
+def read_table(path: Path, columns: Mapping[str, Column]) -> dict[str, NDArray]:
+    """Read columns of a table.
 
-    Yields dict of str to (n,), float64 for numbers, NaN where they are not known; object (str) for
+    Returns dict of str to (n,), float64 for numbers, NaN where they are not known; object (str) for
     texts.
     """
-    found = read_rows(path)
-    for number in itertools.count():
-        part = list(itertools.islice(found, ROWS))
-        if not part and number:
-            return
-        yield {
-            name: np.array([float(row[name] or "nan") for row in part])
-            if column.kind in ("integer", "number")
-            else np.array([row[name] for row in part], dtype=object)
-            for name, column in columns.items()
-        }
+    found: dict[str, array[float] | list[str]] = {
+        name: array("d") if column.kind in ("integer", "number") else []
+        for name, column in columns.items()
+    }
+    for row in read_rows(path):
+        for name, values in found.items():
+            if isinstance(values, list):
+                # Most texts of a column are one of a few words.
+                values.append(sys.intern(row[name]))
+            else:
+                values.append(float(row[name] or "nan"))
+    return {
+        name: np.array(values, object if isinstance(values, list) else np.float64)
+        for name, values in found.items()
+    }
 
 
 def write_dictionary(table: Path, columns: Mapping[str, Column]) -> None:

@@ -231,8 +231,7 @@ def test_netcdf_passes_the_checker_of_ioos(exported: Path) -> None:
                for line in others), others
 
 
-def test_a_long_table_is_written_in_slices(exported: Path, tmp_path: Path) -> None:
-    """All of 5,000 frames, in the memory of a slice."""
+def test_a_long_table_takes_little_memory(exported: Path, tmp_path: Path) -> None:
     xarray = pytest.importorskip("xarray")
     row = dict(next(read_rows(exported / "frames.csv")))
     table = TableWriter(tmp_path / "frames.csv", tuple(COLUMNS))

@@ -20,7 +20,7 @@ from uw_visibility.messages.stamps import iso_time
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, Column
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.results.provenance import texts_of
-from uw_visibility.replay.table import ROWS, read_rows, slices
+from uw_visibility.replay.table import read_rows, read_table
 from uw_visibility.water.meaning.derived import DerivedModel
 
 QUANTITIES = (
@@ -39,7 +39,7 @@ PROPERTIES = (
 def check_exports(options: ReplayOptions) -> None:
     """Import the libraries of the formats, before the work."""
     if options.netcdf:
-        import_netcdf()
+        _import_netcdf()
     if options.parquet:
         _import_parquet()
 
@@ -105,7 +105,7 @@ def _value(text: str) -> float | str | None:
 def _write_parquet(
     path: Path, table: Path, columns: Mapping[str, Column], attributes: Mapping[str, Any]
 ) -> None:
-    """Write a table as Parquet, a row group for each slice, with what each column is."""
+    """Write a table as Parquet, with what each column is."""
     arrow, parquet = _import_parquet()
     schema = arrow.schema(
         [
@@ -114,13 +114,10 @@ def _write_parquet(
         ],
         metadata=texts_of(attributes),
     )
-    with parquet.ParquetWriter(path, schema) as writer:
-        for part in slices(table, columns):
-            arrays = [
-                _array(arrow, part[field.name], field.type, columns[field.name])
-                for field in schema
-            ]
-            writer.write_table(arrow.Table.from_arrays(arrays, schema=schema))
+    values = read_table(table, columns)
+    arrays = [
+        _array(arrow, values[field.name], field.type, columns[field.name]) for field in schema]
+    parquet.write_table(arrow.Table.from_arrays(arrays, schema=schema), path)
 
 
 def _import_parquet() -> tuple[Any, Any]:
@@ -165,6 +162,8 @@ DIMENSION = "obs"
 INSTANCES = "transects"
 COORDINATES = ("datetime", "longitude", "latitude", "sensor_depth", "frame", "x", "y")
 """Columns that say when and where, and which frame."""
+# Rows that are compressed together.
+ROWS = 1024
 _UNKNOWN = np.int8(-1)
 
 _EPOCH = "seconds since 1970-01-01 00:00:00"
@@ -181,7 +180,7 @@ def write_netcdf(
     transects: Sequence[str] = (),
     given: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a table as a CF trajectory, in slices, with the attributes of the ACDD.
+    """Write a table as a CF trajectory, with the attributes of the ACDD.
 
     path, table: file to write, and the table.
     columns: its columns.
@@ -198,54 +197,43 @@ def write_netcdf(
     NetCDF Climate and Forecast (CF) Metadata Conventions, version 1.11, chapter 9,
     https://cfconventions.org
     """
-    xarray, netcdf = import_netcdf()
-    written = 0
-    extents = dict.fromkeys(map(_name, COORDINATES), (np.inf, -np.inf))
-    for number, part in enumerate(slices(table, columns)):
-        values = {_name(name): _values(part[name], column) for name, column in columns.items()}
-        if transects:
-            place = {name: number for number, name in enumerate(transects)}
-            values[TRANSECT] = np.array([place[name] for name in part[TRANSECT]], np.int32)
-        for name, (low, high) in extents.items():
-            known = values[name][np.isfinite(values[name])]
-            extents[name] = (
-                float(known.min(initial=low)), float(known.max(initial=high)))
-        if number == 0:
-            # xarray creates the file with an unlimited dimension; netCDF4 appends.
-            xarray.Dataset(
-                {
-                    _name(name): (DIMENSION, values[_name(name)], _attributes(name, columns))
-                    for name in columns
-                } | _scalars(wavelengths, transects or str(attributes["bag"])),
-                attrs=_global(attributes),
-            ).to_netcdf(
-                path, engine="netcdf4", format="NETCDF4", unlimited_dims=[DIMENSION],
-                encoding={
-                    _name(name): _encoding(column) for name, column in columns.items()
-                    if name != TRANSECT
-                }
-                | {f"wavelength_{channel}": {"_FillValue": None} for channel in CHANNELS},
-            )
-        else:
-            with netcdf.Dataset(path, "a") as file:
-                for name, array in values.items():
-                    file[name][written:written + len(array)] = array
-        written += len(part["frame"])
-    with netcdf.Dataset(path, "a") as file:
-        file.setncatts(_bounds(extents, written) | dict(given or {}))
+    xarray = _import_netcdf()
+    texts = read_table(table, columns)
+    values = {_name(name): _values(texts[name], column) for name, column in columns.items()}
+    if transects:
+        place = {name: number for number, name in enumerate(transects)}
+        values[TRANSECT] = np.array([place[name] for name in texts[TRANSECT]], np.int32)
+    xarray.Dataset(
+        {
+            _name(name): (DIMENSION, values[_name(name)], _attributes(name, columns))
+            for name in columns
+        } | _scalars(wavelengths, transects or str(attributes["bag"])),
+        attrs=_global(attributes) | _bounds(values) | dict(given or {}),
+    ).to_netcdf(
+        path, engine="netcdf4", format="NETCDF4", unlimited_dims=[DIMENSION],
+        encoding={
+            _name(name): _encoding(column) for name, column in columns.items()
+            if name != TRANSECT
+        }
+        | {f"wavelength_{channel}": {"_FillValue": None} for channel in CHANNELS},
+    )
 
 
-def _bounds(extents: Mapping[str, tuple[float, float]], rows: int) -> dict[str, str | float]:
+def _bounds(values: Mapping[str, NDArray]) -> dict[str, str | float]:
     """Return the attributes that say when and where: of what is known of smallest and largest."""
-    known = {name: ends for name, ends in extents.items() if ends[0] <= ends[1]}
+    known = {}
+    for name in map(_name, COORDINATES):
+        finite = values[name][np.isfinite(values[name])]
+        if finite.size:
+            known[name] = float(finite.min()), float(finite.max())
     if not known:
         return {}
-    start, end = known["time"]
+    (start, end), steps = known["time"], max(len(values["time"]) - 1, 1)
     found: dict[str, str | float] = {
         "time_coverage_start": iso_time(round(start * 1e9)),
         "time_coverage_end": iso_time(round(end * 1e9)),
         "time_coverage_duration": f"PT{end - start:.3f}S",
-        "time_coverage_resolution": f"PT{(end - start) / max(rows - 1, 1):.3f}S",
+        "time_coverage_resolution": f"PT{(end - start) / steps:.3f}S",
     }
     for name, kind, unit in (
         ("lat", "lat", "degrees_north"), ("lon", "lon", "degrees_east"),
@@ -267,10 +255,11 @@ def _bounds(extents: Mapping[str, tuple[float, float]], rows: int) -> dict[str, 
     return found
 
 
-def import_netcdf() -> tuple[Any, Any]:
-    """Return xarray and netCDF4; InputError if they are missing."""
+def _import_netcdf() -> Any:
+    """Return xarray; InputError if it or netCDF4 is missing."""
     with needing("netcdf", "--netcdf"):
-        return importlib.import_module("xarray"), importlib.import_module("netCDF4")
+        importlib.import_module("netCDF4")
+        return importlib.import_module("xarray")
 
 
 def _name(column: str) -> str:
