@@ -210,9 +210,7 @@ class _Replay:
         if folder.earlier is not None:
             self._earlier = EarlierPart(folder.earlier, frame_topics(options))
         self._copied = copied_topics(selection, reader.channels) if options.all_topics else {}
-        self._recorder = FrameRecorder(
-            folder.work, options, self._earlier.timings if self._earlier else {}, self._copied
-        )
+        self._recorder = FrameRecorder(folder.work, options, self._copied)
         self._joiner = Joiner(
             stream.plausibility, selection.position is not None, options.origin, options.joins,
             options.join_tolerance,
@@ -260,7 +258,7 @@ class _Replay:
             self._folder.check_complete()
             (self._folder.work / LOG).unlink()
             self._folder.complete()
-        elif self._earlier is not None and self.summary.frames < len(self._earlier.timings):
+        elif self._earlier is not None and self.summary.frames < self._earlier.frames():
             # This run has less than the earlier part, which is kept for --resume.
             self._folder.refuse_earlier()
         else:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from uw_visibility.messages.estimates import ImageHeader, field_of_view
 from uw_visibility.pipeline.result import FrameResult
@@ -38,6 +38,7 @@ class FrameEstimate:
     matched_fraction: float
     limited_fraction: float
     matched_fraction_original: float | None = None
+    timing_ms: dict[str, float] = field(default_factory=dict)  # durations of the stages, ms
 
     @classmethod
     def of(cls, result: FrameResult, rig: StereoRig, header: ImageHeader) -> FrameEstimate:
@@ -48,6 +49,7 @@ class FrameEstimate:
             field_of_view(stereo.disparity.shape[1], rig.focal_length), header,
             int(stereo.support_points), float(stereo.coverage), stereo.matched_fraction,
             float(limited.mean()) if limited.size else 0.0, stereo.matched_fraction_original,
+            result.timing_ms,
         )
 
     def depth(self, stamp: int) -> DepthSample:

@@ -74,16 +74,16 @@ class FrameTask:
 
 @dataclass(frozen=True)
 class FrameAnswer:
-    """Answer to a frame's task: record, durations of the stages, and messages.
+    """Answer to a frame's task: record, and topics and serialised messages (CDR).
 
-    Of these, topics and serialised messages (CDR), in the order of publishing. `asked`: images
-    depend on the water of the frames before.
+    Messages are in the order of publishing. `asked`: images depend on the water of the frames
+    before. `resumed`: it is of an earlier part of the replay.
     """
 
     record: FrameRecord
     messages: list[tuple[str, bytes]] = field(default_factory=list)
-    timing_ms: dict[str, float] = field(default_factory=dict)
     asked: bool = False
+    resumed: bool = False
 
 
 class RecordingProcessor:
@@ -120,8 +120,7 @@ class RecordingProcessor:
             reason = f"internal error, {type(error).__name__} at {place.name}:{place.lineno}"
             return FrameAnswer(replace(record, reason=reason))
         estimate = FrameEstimate.of(result, work.rig, work.header)
-        return FrameAnswer(
-            replace(record, estimate=estimate), messages, result.timing_ms, bool(asked))
+        return FrameAnswer(replace(record, estimate=estimate), messages, bool(asked))
 
     def process(
         self, frame: RecordedFrame, water_filter: WaterFilter

@@ -24,20 +24,8 @@ DIAGNOSTICS = "/diagnostics"
 DIAGNOSTICS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 
 
-def _timings(path: Path) -> dict[str, dict[str, str]]:
-    """Return the rows by frame; none where the file is missing or damaged."""
-    try:
-        rows = list(read_rows(path))
-        for row in rows:
-            for duration in row.values():
-                float(duration)
-        return {row["frame"]: row for row in rows}
-    except (FileNotFoundError, ValueError, TypeError, KeyError):
-        return {}
-
-
 class EarlierPart:
-    """Frames of an interrupted replay, to be reused: their rows of timings.csv, and answers.
+    """Frames of an interrupted replay, to be reused.
 
     Messages are those of topics that a frame alone fills; others are made anew.
     """
@@ -45,14 +33,18 @@ class EarlierPart:
     def __init__(self, folder: Path, topics: Collection[str]) -> None:
         self._folder = folder
         self._topics = {f"/{topic}" for topic in topics}
-        self.timings = _timings(folder / "timings.csv")
+        self._table = folder / "frames.csv"
+
+    def frames(self) -> int:
+        """Return how many rows its table has."""
+        return sum(1 for _ in read_rows(self._table)) if self._table.is_file() else 0
 
     def answers(self) -> Iterator[FrameAnswer]:
         """Yield the frames whose row and messages are all there, in order."""
-        if not (self._folder / "frames.csv").is_file():
+        if not self._table.is_file():
             return
         groups, records = self._groups(), read_records(self._folder)
-        for row, record in zip(read_rows(self._folder / "frames.csv"), records, strict=False):
+        for row, record in zip(read_rows(self._table), records, strict=False):
             if row.get("frame") != str(record.frame):
                 return
             if record.estimate is None:
@@ -61,7 +53,7 @@ class EarlierPart:
             group = next(groups, None)
             if group is None or group[0] != record.time:
                 return
-            yield FrameAnswer(record, group[1])
+            yield FrameAnswer(record, group[1], resumed=True)
 
     def _groups(self) -> Iterator[tuple[int, list[tuple[str, bytes]]]]:
         """Yield time and messages of the frames that have some."""

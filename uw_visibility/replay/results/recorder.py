@@ -27,8 +27,6 @@ from uw_visibility.replay.work import FrameAnswer
 from uw_visibility.water.meaning.derived import DerivedModel
 from uw_visibility.water.series.filter import FilteredWater, WaterFilter
 
-Row = dict[str, str]
-
 
 def columns_of(options: ReplayOptions) -> dict[str, Column]:
     """Return the columns of the table that a replay writes."""
@@ -70,7 +68,6 @@ def frame_topics(options: ReplayOptions) -> list[str]:
 class FrameRecorder:
     """Writer of frames' rows and messages, with the filter over frames.
 
-    earlier: timings of the frames that an earlier part had worked on.
     copied: by a recorded topic the name and the type of its copy in results.mcap.
     filter: takes the frames in order, whichever process answered them.
     """
@@ -79,12 +76,11 @@ class FrameRecorder:
         self,
         folder: Path,
         options: ReplayOptions,
-        earlier: Mapping[str, Row],
         copied: Mapping[str, tuple[str, str]],
     ) -> None:
         self.resumed = 0
         self._folder, self._options = folder, options
-        self._earlier, self._copied = earlier, copied
+        self._copied = copied
         self.columns = columns_of(options)
         self._model = DerivedModel(options.pipeline)
         self._table = TableWriter(folder / "frames.csv", tuple(self.columns))
@@ -104,8 +100,9 @@ class FrameRecorder:
         record, filtered = answer.record, None
         for topic, data in answer.messages:
             self._bag.write_serialised(f"/{topic}", data, record.time)
-        self._write_timing(answer)
         if record.estimate is not None:
+            self.resumed += answer.resumed
+            self._write_timing(record.frame, record.estimate.timing_ms)
             filtered = self.filter.update(
                 record.estimate.water, record.estimate.header.seconds, record.estimate.rig)
             if filtered is not None:
@@ -155,14 +152,8 @@ class FrameRecorder:
             if message is not None:
                 self._bag.write(f"/{FILTERED}/{name}", message, time)
 
-    def _write_timing(self, answer: FrameAnswer) -> None:
-        number = str(answer.record.frame)
-        row = {"frame": number, **{k: f"{v:.3f}" for k, v in answer.timing_ms.items()}}
-        if not answer.timing_ms:
-            row = self._earlier.get(number, row)
-            self.resumed += number in self._earlier
-        if len(row) == 1:
-            return
+    def _write_timing(self, frame: int, timing_ms: Mapping[str, float]) -> None:
         if self._timings is None:
-            self._timings = TableWriter(self._folder / "timings.csv", list(row))
+            self._timings = TableWriter(self._folder / "timings.csv", ["frame", *timing_ms])
+        row = {"frame": str(frame), **{k: f"{v:.3f}" for k, v in timing_ms.items()}}
         self._timings.write({k: v for k, v in row.items() if k in self._timings.columns})
