@@ -66,7 +66,7 @@ def compressed_kinds(views: tuple[np.ndarray, np.ndarray]) -> Iterator[MessageKi
         ("lossless JPEG", with_frame(0xC3), "jpeg", "no baseline"),
         ("arithmetic JPEG", with_frame(0xC9), "jpeg", "no baseline"),
         ("JPEG of another size", encoded(".jpg", pixels[:100]), "jpeg", "160x100"),
-        ("grey JPEG", encoded(".jpg", pixels[..., :1]), "jpeg", "same colours"),
+        ("grey JPEG", encoded(".jpg", pixels[..., :1]), "jpeg", "one size and type"),
         ("PNG of 30000x30000", png_size(30_000, 30_000), "png", "30000x30000"),
         ("PNG without columns", png_size(0, 120), "png", "0x120"),
         ("PNG with a wrong byte", png[:200] + bytes([png[200] ^ 1]) + png[201:], "png", "checksum"),

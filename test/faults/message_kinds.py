@@ -131,7 +131,7 @@ def image_kinds(
         def differ(frame: dict[str, Any], pair: tuple[str, str] = (left, right)) -> None:
             for side, pixels, name in zip(("left", "right"), views, pair, strict=True):
                 _put(frame, f"{side}/image", image(encode(pixels, name), name))
-        yield MessageKind(f"{left} and {right}", differ, "same colours and depth")
+        yield MessageKind(f"{left} and {right}", differ, "one size and type")
 
 
 def pair_kinds(

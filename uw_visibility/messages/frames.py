@@ -65,7 +65,6 @@ class FrameReader:
         left, left_encoding = _read(frame.left, "left image")
         right, right_encoding = _read(frame.right, "right image")
         encodings = left_encoding, right_encoding
-        _check_pair(left, right, encodings)
         rig = self._calibrate(frame)
         chroma = message_chroma(frame.left, left)
         if self._rectifier is None:
@@ -109,19 +108,6 @@ def _check_size(message: Any, info: CameraInfo, side: str) -> None:
         raise InputError(
             f"{side} image has {columns}x{rows} pixels and its camera_info "
             f"{width}x{height}: publish the camera_info of this image"
-        )
-
-
-def _check_pair(left: Image, right: Image, encodings: tuple[str, str]) -> None:
-    if left.shape[:2] != right.shape[:2]:
-        raise InputError(
-            f"left image has {left.shape[1]}x{left.shape[0]} pixels and right image "
-            f"{right.shape[1]}x{right.shape[0]}: both cameras must send images of one size"
-        )
-    if left.shape != right.shape or left.dtype != right.dtype:
-        raise InputError(
-            f"left image is read as {encodings[0]} and right image as {encodings[1]}: "
-            "both cameras must send the same colours and depth"
         )
 
 
