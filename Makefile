@@ -128,7 +128,7 @@ package: venv
 	tools/check_package $(VENV)/bin/python
 
 parameters: venv
-	$(VENV)/bin/python -m uw_visibility.config.parameter_file config/uw_visibility.yaml
+	$(VENV)/bin/python tools/write_parameters config/uw_visibility.yaml
 
 clean:
 	rm -rf $(VENV) $(VENV_OLDEST) $(VENV_DOCS) build install log dist demo bench.json soak.json *.egg-info node_modules

@@ -17,7 +17,6 @@ from hostile import ABSURD_VALUES
 from mutations import mutate
 
 from uw_visibility.commands.calibration_file import read_camera_infos, read_rig
-from uw_visibility.config.parameter_file import render
 from uw_visibility.config.schema import NodeConfig, PipelineConfig, read_yaml
 from uw_visibility.errors import InputError
 from uw_visibility.optics.spectra import load_response
@@ -44,6 +43,7 @@ PROJECTIONS = {
     "width": 96, "height": 72, "K_left": [[90, 0, 48], [0, 90, 36], [0, 0, 1]],
     "D_left": [0, 0, 0, 0, 0], "R1": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
 }
+PARAMETERS = Path(__file__).resolve().parents[2] / "config" / "uw_visibility.yaml"
 TABLE = "wavelength_nm,red,green,blue\n" + "".join(
     f"{w},{w / 700},{1 - abs(w - 550) / 200},{400 / w}\n" for w in range(400, 701, 10)
 )
@@ -58,7 +58,7 @@ class Cases:
         self._folder = folder
         (folder / "right.yaml").write_text(yaml.safe_dump(RIGHT))
         self._kinds: dict[str, tuple[Any, Callable[[Path], None]]] = {
-            "params.yaml": (yaml.safe_load(render()), self._read_parameters),
+            "params.yaml": (yaml.safe_load(PARAMETERS.read_text("utf-8")), self._read_parameters),
             "left.yaml": (CAMERA, self._read_cameras),
             "rig.json": (PROJECTIONS, self._read_rig),
             "response.csv": (TABLE, self._read_table),
