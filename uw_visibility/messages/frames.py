@@ -62,8 +62,8 @@ class FrameReader:
         # Before anything is decompressed: what a message claims may be any size.
         _check_size(frame.left, frame.left_info, "left")
         _check_size(frame.right, frame.right_info, "right")
-        left, left_encoding = _read(frame.left, "left image")
-        right, right_encoding = _read(frame.right, "right image")
+        left, left_encoding = read_pixels(frame.left, "left image")
+        right, right_encoding = read_pixels(frame.right, "right image")
         encodings = left_encoding, right_encoding
         rig = self._calibrate(frame)
         chroma = message_chroma(frame.left, left)
@@ -91,8 +91,8 @@ class FrameReader:
         return self._rig
 
 
-def _read(message: Any, name: str) -> tuple[Image, str]:
-    """Return the pixels of an image and how its enhanced image is to be encoded."""
+def read_pixels(message: Any, name: str) -> tuple[Image, str]:
+    """Read an Image or CompressedImage: pixels, and the encoding of its enhanced image."""
     if hasattr(message, "format"):
         return read_compressed(message, name)
     return images.read_image(message, name), images.ENCODINGS[message.encoding].output

@@ -23,8 +23,8 @@ from uw_visibility.images.overview import (
     side_by_side,
     viridis,
 )
-from uw_visibility.messages.compressed import read_compressed
-from uw_visibility.messages.images import read_disparity, read_image
+from uw_visibility.messages.frames import read_pixels
+from uw_visibility.messages.images import read_disparity
 from uw_visibility.messages.stamps import header_stamp, nanoseconds
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.columns import COLUMNS
@@ -152,9 +152,9 @@ class Gallery:
                 raw = _at(self._reader, self._raw_topic, time, stamp)
                 if enhanced is None or disparity is None or raw is None:
                     continue
-                after = shown(_pixels(enhanced))
+                after = shown(read_pixels(enhanced, "image")[0])
                 drawn = np.zeros_like(after) if self.scale is None else self.scale.draw(disparity)
-                yield Picture(row, shown(_pixels(raw)), after, drawn)
+                yield Picture(row, shown(read_pixels(raw, "image")[0]), after, drawn)
 
     def write(self, options: ReplayOptions, assumed: str) -> None:
         """Write ``images/`` and ``video.mp4``, where they are wanted; `assumed` stands in them.
@@ -198,12 +198,6 @@ def _at(reader: BagReader, topic: str, time: int, stamp: int) -> Any:
         if header_stamp(message.data, ros1=reader.ros1) == stamp:
             return reader.deserialize(message)
     return None
-
-
-def _pixels(message: Any) -> NDArray[Any]:
-    if hasattr(message, "format"):
-        return read_compressed(message)[0]
-    return read_image(message)
 
 
 def _fit(image: Image8, width: int) -> NDArray[np.uint8]:
