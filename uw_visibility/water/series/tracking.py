@@ -43,6 +43,8 @@ class WaterTracker:
     ----------
     event : TrackingEvent or None
         What the last frame did; None before the first.
+    estimate : WaterEstimate or None
+        The filtered state after the last frame; None before the first.
     assessed, rejected : int
         Frames that had an estimate, and those of them that the gate kept out; a
         reset does not change them.
@@ -58,6 +60,7 @@ class WaterTracker:
     def reset(self) -> None:
         """Forget the water; the counts of frames stay."""
         self.event: TrackingEvent | None = None
+        self.estimate: WaterEstimate | None = None
         self.rejected_in_a_row = 0
         self._state: WaterState | None = None
         # The last measurement, if it was rejected.
@@ -110,7 +113,8 @@ class WaterTracker:
             if estimate.light_covariance is not None:
                 self._light_covariance = _renewed(
                     self._light_covariance, estimate.light_covariance)
-        return self._filtered(estimate)
+        self.estimate = self._filtered(estimate)
+        return self.estimate
 
     def _settle(self) -> None:
         self.rejected_in_a_row = 0
