@@ -162,25 +162,15 @@ class _Light(NamedTuple):
     day: _LightOfDay | None
 
 
-class Daylight(NamedTuple):
-    """Daylight beside lamps: its share in the ground's light at the median range, and the depth, m.
-
-    Clear water of that depth gives it its colour.
-    """
-
-    share: float = 0.0
-    depth: float = 0.0
-
-
-# What daylight beside lamps may be like, each as probable as the others; veil over its light.
-NIGHT = Daylight()
-DAYS = (NIGHT, *(
-    Daylight(share, depth) for share in (0.1, 0.5, 0.9) for depth in (2.0, 15.0)))
+# Depths, m, at which clear water gives daylight beside the lamps its colour, where the fit begins:
+# each as probable as that there is none. Its veil over its light.
+DEPTHS = (2.0, 15.0)
 DAYLIGHT_VEIL = 0.5
-# What ln of daylight's light may change by: half of the way to the next of these shares, and in
-# each channel what clear water of the best depth is off by in waters of the laboratory; and ln of
-# its veil over it (beliefs `veil.ratio`, `veil.ratio_spread`). Where both are among the parameters.
-_DAYLIGHT_CHANGE = np.column_stack((np.full(3, 1.0), 0.25 * np.eye(3)))
+# Deviation of ln of daylight over the lamps' light at the median range (two of them are shares of 2
+# and 98 %), in each channel what clear water of the best depth is off by in waters of the
+# laboratory; of ln of its veil over it (beliefs `veil.ratio`, `veil.ratio_spread`). Where both are
+# among the parameters.
+_DAYLIGHT_CHANGE = np.column_stack((np.full(3, 2.0), 0.25 * np.eye(3)))
 _VEIL_CHANGE = np.column_stack((np.full(3, 0.8), 0.25 * np.eye(3)))
 _DAYLIGHT, _VEIL = slice(-14, -10), slice(-10, -6)
 
@@ -208,9 +198,9 @@ def infer(
     # Frames that follow one another show the same ground: they are worth one frame of all ranges.
     fitted = fitted._replace(evidence=fitted.evidence / len(frames))
     scene = _Scene(frames, list(lighting.lamps()), lighting)
-    days = DAYS if lighting.model == "both" else (NIGHT,)
-    grids = [_over_grid(scene, clear_water, day, fitted) for day in days]
-    return _summed(grids, days, scene, clear_water, seen, quantiles)
+    depths = (None, *DEPTHS) if lighting.model == "both" else (None,)
+    grids = [_over_grid(scene, clear_water, depth, fitted) for depth in depths]
+    return _summed(grids, depths, scene, clear_water, seen, quantiles)
 
 
 class _Scene:
@@ -260,7 +250,7 @@ class _Scene:
             changes - changes.mean(axis=1, keepdims=True), full_matrices=False)
         return np.ascontiguousarray((left[:, :DIRECTIONS].T @ changes).T)
 
-    def light(self, attenuation: Array, clear_water: Array, day: Daylight) -> _Light:
+    def light(self, attenuation: Array, clear_water: Array, depth: float | None) -> _Light:
         """Light at attenuations (3,), of lamps and daylight; `clear_water` is κ, (3,)."""
         rough, lambertian = (
             np.log(self._ground.sum(attenuation, exponent)[0]) for exponent in (0.0, 1.0))
@@ -272,20 +262,17 @@ class _Scene:
         near, far = self.log_scattered[low, channel], self.log_scattered[low + 1, channel]
         scattered = ((1 - part)[:, np.newaxis] * near + part[:, np.newaxis] * far).T
         slope = ((far - near) / step[:, np.newaxis]).T
-        by_day = self._daylight(attenuation, clear_water, day, direct) if day.share else None
+        by_day = None if depth is None else self._daylight(
+            attenuation, (clear_water.min() - clear_water) * depth, direct)
         return _Light(direct, by_exponent, path, scattered, slope, by_day)
 
-    def _daylight(
-        self, attenuation: Array, clear_water: Array, day: Daylight, direct: Array
-    ) -> _LightOfDay:
-        """Daylight of a share in the ground's light, beside that of lamps."""
-        depth = attenuation * self.range[:, np.newaxis]
-        colour = (clear_water.min() - clear_water) * day.depth
-        level = float((np.median(direct, axis=0) + np.median(depth, axis=0)).mean())
-        light = math.log(day.share / (1.0 - day.share)) + level + colour
-        left = np.exp(-depth)
+    def _daylight(self, attenuation: Array, colour: Array, direct: Array) -> _LightOfDay:
+        """Daylight of a colour (its logarithm), as strong as the lamps at the median range."""
+        path = attenuation * self.range[:, np.newaxis]
+        level = float((np.median(direct, axis=0) + np.median(path, axis=0)).mean())
+        light, left = level + colour, np.exp(-path)
         return _LightOfDay(
-            np.exp(light), light - depth, light + np.log(DAYLIGHT_VEIL * (1.0 - left)),
+            np.exp(light), light - path, light + np.log(DAYLIGHT_VEIL * (1.0 - left)),
             self.range[:, np.newaxis] * left / (1.0 - left))
 
     def parts(self, light: _Light, to_channels: Array, usual: float) -> tuple[Array, Array]:
@@ -341,9 +328,11 @@ class _Fit(NamedTuple):
 
 
 def _over_grid(
-    scene: _Scene, clear_water: Array, day: Daylight, fitted: Fitted
+    scene: _Scene, clear_water: Array, depth: float | None, fitted: Fitted
 ) -> list[_Fit]:
     """Fit the other unknowns over `PARTICLES`, each from its neighbours, denser at the best.
+
+    `depth` gives daylight its colour, m; None without daylight.
 
     Ground behind much scattered light and bare ground are two solutions for one frame. From one
     side only one of them is found.
@@ -352,7 +341,7 @@ def _over_grid(
     def fit_at(particles: float, start: _Fit | None) -> _Fit:
         apart = np.hypot(CHANNEL_DEVIATION * particles, CLEAR_WATER_DEVIATION * clear_water)
         to_channels = (_BETWEEN_CHANNELS * apart).T
-        light = scene.light(clear_water + particles, clear_water, day)
+        light = scene.light(clear_water + particles, clear_water, depth)
         logs, changes = scene.parts(light, to_channels, _usual_scattering(particles))
         p, texture = np.zeros(changes.shape[-1]), np.zeros((scene.details.levels, 3, 3))
         if start is not None:
@@ -403,7 +392,7 @@ def _expected(particles: float) -> float:
 
 
 def _summed(
-    grids: Sequence[list[_Fit]], days: Sequence[Daylight], scene: _Scene, clear_water: Array,
+    grids: Sequence[list[_Fit]], depths: Sequence[float | None], scene: _Scene, clear_water: Array,
     seen: Mask, quantiles: Array,
 ) -> LampPosterior | None:
     """Sum the posterior over the grid, interpolated, and over kinds of daylight."""
@@ -419,9 +408,9 @@ def _summed(
     away = mean - middle
     spread = np.tensordot(weight, covariance, 1) + (weight[:, np.newaxis] * away).T @ away
     most = int(np.argmax(weight))
-    grid, day = grids[most // FINE], days[most // FINE]
+    grid, depth = grids[most // FINE], depths[most // FINE]
     best = min(grid, key=lambda each: abs(math.log(each.particles) - fine[most % FINE]))
-    p, light = best.parameters, scene.light(best.attenuation, clear_water, day)
+    p, light = best.parameters, scene.light(best.attenuation, clear_water, depth)
     amount = _usual_scattering(best.particles) + p[-6:-3]
     cosine = (USUAL_EXPONENT + p[2]) * light.by_exponent
     direct = light.direct + light.by_exponent * p[2]
