@@ -35,7 +35,6 @@ from uw_visibility.water.estimate import (
 )
 from uw_visibility.water.lamps.nodes import USELESS, Nodes, reduce_to_nodes
 from uw_visibility.water.lamps.posterior import (
-    DAYLIGHT_VEIL,
     FEWEST_NODES,
     LampPosterior,
     infer,
@@ -132,20 +131,19 @@ class NodeEstimator:
         power = float(np.exp(np.log(posterior.power[known]).mean())) if known.any() else math.nan
         far = np.exp(at_attenuation(frames[-1].log_far, beta))
         veil = np.where(known, posterior.scattering * far, np.nan)
-        by_day = DAYLIGHT_VEIL * posterior.daylight
         joint = np.zeros((6, 6))
         joint[0::2, 0::2] = covariance
         joint[1::2, 1::2] = np.diag((posterior.scattering_stddev * veil) ** 2)
         scene_light = np.where(known, power, np.nan)
         return WaterEstimate(
             **of_channels(
-                status, beta, np.where(known, np.maximum(veil + by_day, 1e-9), np.nan),
+                status, beta, np.where(known, np.maximum(veil + posterior.veil, 1e-9), np.nan),
                 blank(joint, known)),
             iterations=1, bins=sum(len(nodes.range) for nodes in frames), light=scene_light,
             light_stddev=POWER_DEVIATION * scene_light,
             lamps=LampLight(
                 beta, scene_light, np.where(known, posterior.scattering, np.nan),
-                posterior.daylight, by_day, frames[-1]))
+                posterior.daylight, posterior.veil, frames[-1]))
 
 
 class LampEstimator(NodeEstimator):

@@ -120,8 +120,8 @@ class LampPosterior:
         s.
     scattering_stddev : (3,) float64 ndarray
         Of ln s.
-    daylight : (3,) float64 ndarray
-        Irradiance of white by daylight; 0 without.
+    daylight, veil : (3,) float64 ndarray
+        Irradiance of white by daylight, and its veil in the far; 0 without.
     """
 
     log_attenuation: Array
@@ -132,6 +132,7 @@ class LampPosterior:
     scattering: Array
     scattering_stddev: Array
     daylight: Array
+    veil: Array
 
 
 class _LightOfDay(NamedTuple):
@@ -163,9 +164,9 @@ class _Light(NamedTuple):
 
 
 # Depths, m, at which clear water gives daylight beside the lamps its colour, where the fit begins:
-# each as probable as that there is none. Its veil over its light.
+# each as probable as that there is none. Its veil over its light of usual ground.
 DEPTHS = (2.0, 15.0)
-DAYLIGHT_VEIL = 0.5
+DAYLIGHT_VEIL = 0.5 / REFLECTANCE
 # Deviation of ln of daylight over the lamps' light at the median range (two of them are shares of 2
 # and 98 %), in each channel what clear water of the best depth is off by in waters of the
 # laboratory; of ln of its veil over it (beliefs `veil.ratio`, `veil.ratio_spread`). Where both are
@@ -414,13 +415,14 @@ def _summed(
     amount = _usual_scattering(best.particles) + p[-6:-3]
     cosine = (USUAL_EXPONENT + p[2]) * light.by_exponent
     direct = light.direct + light.by_exponent * p[2]
-    scattered, daylight = light.scattered + amount, np.zeros(3)
+    scattered, daylight, veil = light.scattered + amount, np.zeros(3), np.zeros(3)
     if light.day is not None:
-        change = _DAYLIGHT_CHANGE @ p[_DAYLIGHT]
+        change, over_light = _DAYLIGHT_CHANGE @ p[_DAYLIGHT], _VEIL_CHANGE @ p[_VEIL]
         both = np.logaddexp(direct, light.day.from_ground + change)
         cosine *= np.exp(direct - both)
         direct, daylight = both, light.day.white * np.exp(change)
-        scattered = np.logaddexp(scattered, light.day.veil + change + _VEIL_CHANGE @ p[_VEIL])
+        veil = DAYLIGHT_VEIL * daylight * np.exp(over_light)
+        scattered = np.logaddexp(scattered, light.day.veil + change + over_light)
     log_level = np.median(scene.log_light - np.logaddexp(direct, scattered), axis=0)
     level = np.exp(log_level)
     # Images are restored as if the ground faced the lamps.
@@ -436,7 +438,7 @@ def _summed(
     return LampPosterior(
         middle, spread, _of_clearest(weight, mean, covariance, seen, quantiles),
         USUAL_EXPONENT + float(p[2]), power, level * np.exp(amount),
-        np.sqrt(best.scattering_variance), power * daylight * level / usual)
+        np.sqrt(best.scattering_variance), power * daylight * level / usual, level * veil)
 
 
 def _interpolated(grid: list[_Fit], highest: float, fine: Array) -> tuple[Array, Array, Array]:
