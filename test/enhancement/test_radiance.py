@@ -107,6 +107,17 @@ def test_what_has_no_range_keeps_its_look_and_is_marked(unknown: float) -> None:
     assert np.abs(enhanced[0, 0].astype(int) - image[0, 0]).min() > 10
 
 
+def test_a_range_beyond_all_numbers_is_as_one_beyond_the_largest_gain() -> None:
+    """Its thickness overflows, which is no warning of NumPy's: those are errors in tests."""
+    turbid = SimpleNamespace(
+        attenuation=np.array([3.0, 2.0, 1.5]), ambient_light=np.array([0.3, 0.5, 0.5]))
+    image = np.full((1, 2, 3), 120, np.uint8)
+    distance = np.array([[3e38, 1e6]], np.float32)
+    enhanced, limited = Restorer().restore(image, distance, turbid, NO_NOISE)
+    np.testing.assert_array_equal(enhanced[0, 0], enhanced[0, 1])
+    assert limited.all()
+
+
 def test_restoration_fades_with_what_is_known() -> None:
     image = np.full((1, 101, 3), 120, np.uint8)
     known = np.linspace(0, 1, 101, dtype=np.float32)[np.newaxis]

@@ -90,6 +90,8 @@ def test_unknown_range_takes_the_gain_of_the_farthest():
     ranges[:10] = 4
     ranges[10:20] = np.nan
     ranges[20:30] = np.inf
+    # Overflows, and is not among those that the gains are made for.
+    ranges[9, 9] = 3e38
     contrast = ContrastNormalizer(SHAPE)
     contrast.restore(image, ranges, ATTENUATION, AMBIENT, Workers(1), NO_NOISE)
     np.testing.assert_array_equal(contrast.gain[:30], contrast.gain[0, 0])

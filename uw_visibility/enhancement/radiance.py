@@ -102,10 +102,11 @@ class Restorer:
         ranged = (range_map >= 0) & (range_map < np.inf)
         trust = np.where(ranged, np.float32(1) if known is None else known, np.float32(0))
         distance = np.where(ranged, range_map, np.float32(0))
+        # A range that overflows is beyond the limit, as it is.
+        with np.errstate(over="ignore"):
+            thickness = channels.attenuation[:, np.newaxis] * distance.ravel()
         # NumPy's minimum and exponential take four times as long.
-        thickness = cv2.min(
-            channels.attenuation[:, np.newaxis] * distance.ravel(),
-            math.log(_BEYOND * self._max_gain))
+        thickness = cv2.min(thickness, math.log(_BEYOND * self._max_gain))
         gain = cv2.exp(thickness).reshape(-1, *range_map.shape)
         enhanced = np.empty(planes.shape, image.dtype)
         limited = np.zeros(range_map.shape, np.bool_)

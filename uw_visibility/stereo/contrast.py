@@ -162,9 +162,12 @@ class ContrastNormalizer:
         if finer > 1:
             # True ranges are known of every pixel, of images that are matched as small copies.
             range_map = range_map[finer // 2::finer, finer // 2::finer]
-        # Of NaN and a number, this is the number.
-        step = np.fmin(range_map * np.float32((_TABLE - 1) / farthest), np.float32(_TABLE - 1))
-        gain = np.take((table / _FINE).astype(np.float32), step.astype(np.intp), mode="clip")
+        # What is not finite takes an end of the table, and so does what overflows.
+        with np.errstate(over="ignore", invalid="ignore"):
+            # Of NaN and a number, this is the number.
+            step = np.fmin(range_map * np.float32((_TABLE - 1) / farthest), np.float32(_TABLE - 1))
+            place = step.astype(np.intp)
+        gain = np.take((table / _FINE).astype(np.float32), place, mode="clip")
         # What fills no whole square takes its neighbour's.
         factor = self.gain.shape[1] // gain.shape[1]
         rows, columns = (
