@@ -15,7 +15,7 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig, PipelineConfig
 from uw_visibility.enhancement.lamp_radiance import LampRestorer
 from uw_visibility.errors import InputError
-from uw_visibility.optics.lamps import LightField, tabulate
+from uw_visibility.optics.lamps import LEFT_EYE, LightField, tabulate
 
 ALPHA = 0.15
 SHOWN = render(ALPHA, noise=0.0)
@@ -23,7 +23,7 @@ SHOWN = render(ALPHA, noise=0.0)
 
 def field_of(scale: float, scattering: float) -> LightField:
     lamps = tuple(PipelineConfig.from_parameters(parameters()).lighting.lamps())
-    tables = tabulate(RIG.rays_at, SIZE, lamps)
+    tables = tabulate(RIG.rays_at, SIZE, lamps, LEFT_EYE)
     none = np.zeros(3)
     return tables.field(
         CLEAR_WATER + ALPHA, np.full(3, scale), np.full(3, scattering), none, none)

@@ -168,11 +168,15 @@ def _of_channels(values: Array) -> Table:
     return np.asarray(values, np.float32)[:, np.newaxis, np.newaxis, np.newaxis]
 
 
+# The left camera's place: lamps are told from there.
+LEFT_EYE = (0.0, 0.0, 0.0)
+
+
 # Of both cameras, at two sizes.
 @lru_cache(maxsize=4)
 def tabulate(
     rays_at: Callable[[Array, Array], Array], shape: tuple[int, int], lamps: tuple[Lamp, ...],
-    eye: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    eye: tuple[float, float, float],
 ) -> LampTables:
     """Tabulate the light of lamps for a camera; the last tables are kept.
 

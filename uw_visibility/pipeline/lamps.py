@@ -17,7 +17,7 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.lamp_radiance import LampRestorer
 from uw_visibility.images.arrays import Image, Mask, PerChannel, RangeMap
 from uw_visibility.images.view import StereoViews, View
-from uw_visibility.optics.lamps import DirectLight, tabulate
+from uw_visibility.optics.lamps import LEFT_EYE, DirectLight, tabulate
 from uw_visibility.pipeline.result import NOT_LIMITED, NOT_WANTED, EnhancedImages, FilledStereo
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
@@ -106,7 +106,7 @@ class LampEnhancement:
     def __init__(self, rig: StereoRig, config: PipelineConfig, workers: Workers) -> None:
         self._lamps = tuple(config.lighting.lamps())
         self._rays = rig.rays_at, partial(rig.rays_at, right=True)
-        self._eyes = (0.0, 0.0, 0.0), (rig.baseline, 0.0, 0.0)
+        self._eyes = LEFT_EYE, (rig.baseline, 0.0, 0.0)
         self._workers = workers
         self._restorer = LampRestorer(config.enhancement, config.camera.transfer, workers)
 

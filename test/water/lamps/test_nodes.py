@@ -12,7 +12,7 @@ from lamp_scene import LAMPS, RIG, SIZE, parameters, rays
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.view import View
-from uw_visibility.optics.lamps import tabulate
+from uw_visibility.optics.lamps import LEFT_EYE, tabulate
 from uw_visibility.water.blocks import reduce_to_blocks
 from uw_visibility.water.lamps.nodes import USELESS, Nodes, details_of, reduce_to_nodes
 
@@ -52,7 +52,7 @@ def test_details_of_any_nodes_have_the_variance_of_white_noise(places: list) -> 
 
 def reduced(light: np.ndarray, distance: np.ndarray) -> Nodes:
     lamps = tuple(PipelineConfig.from_parameters(parameters(LAMPS)).lighting.lamps())
-    tables = tabulate(RIG.rays_at, SIZE, lamps)
+    tables = tabulate(RIG.rays_at, SIZE, lamps, LEFT_EYE)
     view = View.of(light)
     assert view.colour is not None
     blocks = reduce_to_blocks(view.colour, distance.astype(np.float32), None)

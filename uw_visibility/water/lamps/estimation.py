@@ -16,7 +16,7 @@ from uw_visibility.config.lighting import LightingConfig
 from uw_visibility.config.schema import WaterConfig
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.images.view import View
-from uw_visibility.optics.lamps import LampTables, at_attenuation, tabulate
+from uw_visibility.optics.lamps import LEFT_EYE, LampTables, at_attenuation, tabulate
 from uw_visibility.status import Status
 from uw_visibility.water.blocks import Blocks, reduce_to_blocks
 from uw_visibility.water.daylight.validation import (
@@ -162,7 +162,7 @@ class LampEstimator(NodeEstimator):
 
     def tables(self, shape: tuple[int, int]) -> LampTables:
         """Tables for images of a height and width, px."""
-        return tabulate(self._rays, shape, tuple(self._lighting.lamps()))
+        return tabulate(self._rays, shape, tuple(self._lighting.lamps()), LEFT_EYE)
 
     def estimate_view(
         self, view: View, range_map: NDArray[np.floating], *, range_error: float = 0.0
