@@ -10,12 +10,20 @@ import numpy as np
 import pytest
 
 from uw_visibility.water.daylight.inference import DECLARED
-from uw_visibility.water.lamps.posterior import FITTED
+from uw_visibility.water.lamps.posterior import (
+    DAYLIGHT_OF_CHANNELS,
+    DAYLIGHT_VEIL,
+    FITTED,
+    REFLECTANCE,
+    VEIL_DEVIATION,
+    VEIL_OF_CHANNELS,
+)
 from uw_visibility_lab.posterior.cases import by_lamps
 from uw_visibility_lab.posterior.judge import estimate_by_lamps
 from uw_visibility_lab.posterior.lamps import observe, reefs, score
 from uw_visibility_lab.worlds.beliefs import bounds
 from uw_visibility_lab.worlds.scenes import procedural
+from uw_visibility_lab.worlds.water import draw_water
 
 
 def test_a_reef_scores_better_by_the_fitted_numbers_than_by_absurd_ones() -> None:
@@ -43,3 +51,20 @@ def test_declared_lamps_are_as_probable_as_daylight_before_a_frame_is_seen() -> 
     """The networks tell odds for the share of lamps among the views that they were trained on."""
     share = bounds("lamps.share")[0]
     assert math.log(share / (1.0 - share)) + DECLARED == pytest.approx(0.0)
+
+
+def test_daylight_beside_lamps_is_expected_as_in_the_waters_that_are_drawn() -> None:
+    waters = [draw_water(np.random.default_rng(seed)) for seed in range(1000)]
+    veil = np.log([water.ratio for water in waters])
+    common = veil.mean(axis=1, keepdims=True)
+    assert math.exp(common.mean()) == pytest.approx(DAYLIGHT_VEIL * REFLECTANCE, rel=0.15)
+    assert common.std() == pytest.approx(VEIL_DEVIATION, rel=0.1)
+    assert math.sqrt(np.mean((veil - common) ** 2)) == pytest.approx(VEIL_OF_CHANNELS, rel=0.2)
+    # What is left of daylight's colour without that of clear water of the best depth.
+    light, clear = (
+        values - values.mean(axis=1, keepdims=True) for values in (
+            np.log([water.light for water in waters]),
+            np.array([water.clear_water for water in waters])))
+    depth = -(light * clear).sum(axis=1) / (clear**2).sum(axis=1)
+    off = light + depth[:, np.newaxis] * clear
+    assert math.sqrt(np.mean(off**2)) == pytest.approx(DAYLIGHT_OF_CHANNELS, rel=0.2)

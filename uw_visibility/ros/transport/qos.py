@@ -51,7 +51,7 @@ def publish_on(node: Node, kind: type, topic: str) -> Any:
 
 
 def subscribe_to(
-    node: Node, kind: type, topic: str, callback: Callable[..., None],
+    node: Node, kind: type, topic: str, callback: Callable[[Any], None],
     available: ReliabilityPolicy | None = None,
     depth: int = INPUT_DEPTH,
 ) -> Any:

@@ -164,15 +164,19 @@ class _Light(NamedTuple):
 
 
 # Depths, m, at which clear water gives daylight beside the lamps its colour, where the fit begins:
-# each as probable as that there is none. Its veil over its light of usual ground.
+# each as probable as that there is none. Its usual veil is half as bright as white, here over the
+# light of usual ground.
 DEPTHS = (2.0, 15.0)
 DAYLIGHT_VEIL = 0.5 / REFLECTANCE
-# Deviation of ln of daylight over the lamps' light at the median range (two of them are shares of 2
-# and 98 %), in each channel what clear water of the best depth is off by in waters of the
-# laboratory; of ln of its veil over it (beliefs `veil.ratio`, `veil.ratio_spread`). Where both are
-# among the parameters.
-_DAYLIGHT_CHANGE = np.column_stack((np.full(3, 2.0), 0.25 * np.eye(3)))
-_VEIL_CHANGE = np.column_stack((np.full(3, 0.8), 0.25 * np.eye(3)))
+# Deviation of ln of daylight over the lamps' light at the median range: two of them are shares of 2
+# and 98 %. What clear water of the best depth is off by in ln of a channel's daylight, and the
+# deviation of ln of the veil over it, of all channels and of each: in waters of the laboratory.
+DAYLIGHT_DEVIATION, DAYLIGHT_OF_CHANNELS = 2.0, 0.25
+VEIL_DEVIATION, VEIL_OF_CHANNELS = 0.8, 0.25
+# Changes of ln of both by their parameters, and where these are among those of `fit`.
+_DAYLIGHT_CHANGE, _VEIL_CHANGE = (
+    np.column_stack((np.full(3, common), alone * np.eye(3))) for common, alone in (
+        (DAYLIGHT_DEVIATION, DAYLIGHT_OF_CHANNELS), (VEIL_DEVIATION, VEIL_OF_CHANNELS)))
 _DAYLIGHT, _VEIL = slice(-14, -10), slice(-10, -6)
 
 
