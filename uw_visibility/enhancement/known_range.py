@@ -4,7 +4,7 @@
 
 A range that fills a gap is a guess, and so is a match without texture, as in open water; restored
 by it, a picture shows the guess's outlines. So restoration fades with what is known of ranges.
-By a guided filter (He, Sun and Tang, doi 10.1109/TPAMI.2012.213) on cells (arXiv 1505.00996).
+By a guided filter on cells (He and Sun, arXiv 1505.00996).
 """
 
 from __future__ import annotations
@@ -13,12 +13,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from uw_visibility.enhancement.guided import Plane, guided
 from uw_visibility.images.arrays import Array, Image, Mask, RangeMap
 from uw_visibility.images.noise import ROUNDING_VARIANCE
-
-Plane = NDArray[np.float32]
 
 # Pixels per cell, in either direction; radius of the guided filter's windows, in cells: of ranges,
 # and of what is known of them.
@@ -83,15 +81,15 @@ def known_range(
     relative = 1.0 + _noise_over_texture(small, noise, full)
     weight = share / relative
     spread = _spread(weight, value, range_error, max(max_gap // _CELL, 1))
-    along = _guided(
-        value, weight + _NO_MATCH * range_error**2 / spread, small, _RANGE_WINDOW)
+    along = guided(
+        value, weight + _NO_MATCH * range_error**2 / spread, small, _RANGE_WINDOW, _FLAT)
     smooth = np.maximum(along[0] * small + along[1], _INFINITY)
     thickness = float(np.fmin.reduce(attenuation, initial=np.inf)) / smooth
     variance = range_error**2 * relative + (1.0 - share) * spread
     known = np.exp(-1.5 * variance * (thickness / smooth) ** 2)
     # A cell at the border of what is known holds both sides. What is known well stays sharp.
     known = cv2.erode(known, np.ones((3, 3), np.uint8))
-    planes = (*along, *_guided(known, np.ones_like(known), small, _KNOWN_WINDOW), known**4)
+    planes = (*along, *guided(known, np.ones_like(known), small, _KNOWN_WINDOW, _FLAT), known**4)
     slope, offset, known_slope, known_offset, sharp = (
         cv2.resize(plane, half, interpolation=cv2.INTER_LINEAR) for plane in planes)
     smooth = slope * guide + offset
@@ -137,13 +135,3 @@ def _spread(weight: Plane, value: Plane, error: float, reach: int) -> Plane:
     spread = np.maximum(square / near_or_none - mean * mean, 0.0) + (value - mean) ** 2
     return np.asarray(
         spread + error**2 + mean * mean * (_NO_MATCH / (_NO_MATCH + near)), np.float32)
-
-
-def _guided(value: Plane, weight: Plane, guide: Plane, radius: int) -> tuple[Plane, Plane]:
-    """Slope and offset of a value as a linear function of the guide in weighted windows."""
-    total = _blur(weight, radius)
-    mean, level, both, square = (
-        _blur(weight * plane, radius) / total
-        for plane in (guide, value, guide * value, guide * guide))
-    slope = (both - mean * level) / (square - mean * mean + _FLAT)
-    return _blur(slope, radius), _blur(level - slope * mean, radius)

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Dense, edge-preserving disparity from a coarse map and the image (section II-E).
 
-By a weighted guided filter on a pyramid of coarse grids. Guided filter: He, Sun and Tang,
-doi 10.1109/TPAMI.2012.213; its coefficients on a coarse grid: He and Sun, arXiv 1505.00996;
-filling from coarser scales where data are thin: Gortler et al., doi 10.1145/237170.237200
+By a weighted guided filter on a pyramid of coarse grids (its coefficients on a coarse grid: He and
+Sun, arXiv 1505.00996). The guide is grey: by colours no more pixels are matched right. Filling from
+coarser scales where data are thin: Gortler et al., doi 10.1145/237170.237200
 (push-pull).
 """
 
@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.schema import EnhancementConfig
+from uw_visibility.enhancement.guided import Coefficients, Plane, guided
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Array, DisparityMap, Mask
+from uw_visibility.images.arrays import DisparityMap, Mask
 from uw_visibility.images.cells import fold, spread
 
 # Pixels of the image per cell of the finest grid, in either direction.
@@ -28,7 +29,7 @@ CELL = 4
 SLOPE_PRIOR = 1.0
 # Weight of what the next coarser grid says. It keeps sums that divide away
 # from zero where there are no data, and is negligible beside data.
-FLOOR = 1e-3
+FLOOR = np.float32(1e-3)
 # Variance, px², added to a window's residual before windows are weighed with
 # its inverse: windows across a depth edge that the image does not explain count little.
 RESIDUAL = 0.05
@@ -38,11 +39,11 @@ STEEP = 2.0
 
 
 class _Cells(NamedTuple):
-    """Cells of a grid: mean of the guide (3, h, w), disparity, px, and its weight, (h, w) each."""
+    """Cells of a grid: mean of the guide, disparity, px, and its weight, (h, w) each."""
 
-    guide: Array
-    value: Array
-    weight: Array
+    guide: NDArray[Any]
+    value: NDArray[Any]
+    weight: NDArray[Any]
 
 
 def refine(
@@ -50,8 +51,8 @@ def refine(
 ) -> DisparityMap:
     """Refine a coarse disparity map, a mesh or single points, and make it dense.
 
-    Disparity is taken as a linear function of the image's colours within each window of a radius,
-    over a plane fitted to all data. What has no data nearby follows the next coarser grid, up to
+    Disparity is taken as a linear function of the grey image within each window of a radius, over a
+    plane fitted to all data. What has no data nearby follows the next coarser grid, up to
     the whole image.
 
     Parameters
@@ -84,9 +85,10 @@ def refine(
     known = np.isfinite(coarse)
     if not known.any():
         return np.full(coarse.shape, np.nan, np.float32)
-    planes = cv2.split(guide) if guide.ndim == 3 else (guide,) * 3
-    image = np.stack([
-        plane / np.float32(np.iinfo(guide.dtype).max) - np.float32(0.5) for plane in planes])
+    grey = guide.astype(np.float32)
+    if guide.ndim == 3:
+        grey = cv2.cvtColor(grey, cv2.COLOR_RGB2GRAY)
+    image = grey / np.float32(np.iinfo(guide.dtype).max) - np.float32(0.5)
     down, across = (np.arange(n, dtype=np.float32) for n in coarse.shape)
     down = down[:, np.newaxis]
     cells, (along_x, along_y, offset) = _reduce(coarse, known, image, across, down)
@@ -98,8 +100,7 @@ def refine(
 
 
 def _reduce(
-    coarse: DisparityMap, known: Mask, image: NDArray[Any], across: NDArray[Any],
-    down: NDArray[Any],
+    coarse: DisparityMap, known: Mask, image: Plane, across: Plane, down: Plane
 ) -> tuple[_Cells, tuple[float, float, float]]:
     """Average over cells, and take off the plane of the disparities.
 
@@ -122,69 +123,34 @@ def _reduce(
     slopes = np.linalg.solve(square, (share * (disparity - level)) @ away)
     plane = (float(slopes[0]), float(slopes[1]), float(level - slopes @ middle))
     value -= np.where(count > 0, plane[0] * x + plane[1] * y + plane[2], value)
-    means = np.stack([fold(each, CELL) / CELL**2 for each in image])
-    return _Cells(means, value, weight), plane
+    means = fold(image, CELL) / np.float32(CELL**2)
+    return _Cells(means, value.astype(np.float32), weight.astype(np.float32)), plane
 
 
 def _halved(cells: _Cells) -> _Cells:
     """The next coarser grid: means of what is known in two by two cells."""
     total = fold(cells.weight, 2, 0.0)
-    known = np.maximum(fold((cells.weight > 0).astype(np.float64), 2, 0.0), 1.0)
+    known = fold((cells.weight > 0).astype(np.float32), 2, 0.0)
     weighted = fold(cells.weight * cells.value, 2, 0.0)
     return _Cells(
-        np.stack([fold(plane, 2) / 4.0 for plane in cells.guide]),
-        weighted / np.where(total > 0, total, 1.0), total / known)
+        fold(cells.guide, 2) / np.float32(4.0), weighted / np.where(total > 0, total, 1),
+        total / np.maximum(known, 1))
 
 
-def _regress(cells: _Cells, radius: int, smoothness: float) -> Array:
-    """Coefficients (4, h, w) of disparity: slopes over the colours, and an offset.
+def _regress(cells: _Cells, radius: int, smoothness: float) -> Coefficients:
+    """Slope over the guide and offset of disparity, means over all windows that hold a cell.
 
-    They are means over all windows that hold a cell. `smoothness` is the regularisation ε of the
-    slopes, variance of a guide of 0..1.
+    `smoothness` is the regularisation ε of the slope, variance of a guide of 0..1.
     """
-    prior: Array | float = 0.0
+    prior: Plane = np.zeros_like(cells.value)
     if max(cells.value.shape) > 2 * radius + 1:
         prior = _evaluate(_regress(_halved(cells), radius, smoothness), 2, cells.guide)
-    weight = cells.weight + FLOOR
+    weight: Plane = cells.weight + FLOOR
     value = (cells.weight * cells.value + FLOOR * prior) / weight
-    # One, the guide's channels and the value, and the sums of their products over windows: planes.
-    each = np.stack((np.ones_like(value), *cells.guide, value))
-    first, second = np.triu_indices(len(each))
-    summed = np.empty((len(each), *each.shape))
-    summed[first, second] = summed[second, first] = _box(
-        weight * each[first] * each[second], radius)
-    total = summed[0, 0]
-    mean = summed[0, 1:] / total
-    covariance = summed[1:, 1:] / total - mean[:, np.newaxis] * mean
-    with_value = covariance[:3, 3]
-    slopes = _solve(
-        covariance[:3, :3] + smoothness * np.eye(3)[..., np.newaxis, np.newaxis], with_value)
-    residual = covariance[3, 3] - (slopes * with_value).sum(axis=0)
-    offset = mean[3] - (slopes * mean[:3]).sum(axis=0)
-    trust = total / (np.maximum(residual, 0.0) + RESIDUAL)
-    *averaged, weights = _box(trust * np.stack((*slopes, offset, np.ones_like(offset))), radius)
-    return np.asarray(averaged / weights)
+    return guided(value, weight, cells.guide, radius, smoothness, RESIDUAL)
 
 
-def _solve(matrix: Array, right: Array) -> Array:
-    """Solve symmetric systems (3, 3, h, w) for (3, h, w), by Cramer's rule."""
-    one, two, three = matrix
-    minors = [np.cross(*rows, axis=0) for rows in ((two, three), (three, one), (one, two))]
-    determinant = (one * minors[0]).sum(axis=0)
-    return np.asarray(sum(b * row for b, row in zip(right, minors, strict=True)) / determinant)
-
-
-def _box(planes: Array, radius: int) -> Array:
-    """Sums over windows of 2 radius + 1 cells, cut at the border, of each plane (h, w)."""
-    side = 2 * radius + 1
-    return np.stack([
-        cv2.boxFilter(
-            plane, -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        for plane in planes])
-
-
-def _evaluate(coefficients: Array, side: int, guide: NDArray[Any]) -> NDArray[Any]:
-    """Disparity (H, W) by coefficients (4, h, w) of cells and the guide (3, H, W)."""
-    *slopes, offset = (
-        spread(plane.astype(np.float32), side, guide.shape[1:]) for plane in coefficients)
-    return np.asarray(sum(a * b for a, b in zip(slopes, guide, strict=True)) + offset)
+def _evaluate(coefficients: Coefficients, side: int, guide: Plane) -> Plane:
+    """Disparity (H, W) by the coefficients of cells and the guide."""
+    slope, offset = (spread(plane, side, guide.shape) for plane in coefficients)
+    return np.asarray(slope * guide + offset)
