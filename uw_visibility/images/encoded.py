@@ -12,6 +12,7 @@ import io
 import re
 import struct
 import zlib
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import cv2
@@ -34,7 +35,7 @@ MOST_SCANS = 100
 # ITU-T T.81, table B.1: markers of a frame, and those that stand alone.
 FRAMES = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 ALONE = frozenset({0x01, *range(0xD0, 0xD8)})
-SCAN, END = b"\xff\xda", b"\xff\xd9"
+SCAN, END = 0xDA, b"\xff\xd9"
 BASELINE, PROGRESSIVE = (0xC0, 0xC1), 0xC2
 COEFFICIENTS = 64
 # What ends the codes of a scan: among them 0xFF stands before zeros and restarts alone.
@@ -150,13 +151,20 @@ def _read_png(data: bytes) -> Header:
     raise TruncatedError("it has no end: it is truncated")
 
 
-def _read_jpeg(data: bytes) -> Header:
-    """Walk the segments up to the first scan (ITU-T T.81, annex B)."""
-    header: Header | None = None
-    frame, components = 0, b""
-    at = 2
+def segments(data: bytes) -> Iterator[tuple[int, bytes, int]]:
+    """Walk the segments of a JPEG up to its end (ITU-T T.81, annex B).
+
+    Yields each one's marker and content, and where what follows it begins, as a scan's codes do.
+    """
+    at, scanned = 2, False
     while at + 4 <= len(data):
-        if data[at] != 0xFF:
+        if scanned:
+            # Behind codes some encoders fill up.
+            marker = MARKER.search(data, at)
+            if marker is None:
+                return
+            at = marker.start()
+        elif data[at] != 0xFF:
             raise InputError("it is damaged: a marker is missing")
         kind = data[at + 1]
         if kind == 0xFF or kind in ALONE:
@@ -164,61 +172,59 @@ def _read_jpeg(data: bytes) -> Header:
             at += 1 if kind == 0xFF else 2
             continue
         if kind == END[1]:
-            break
-        (length,) = struct.unpack_from(">H", data, at + 2)
-        if kind in FRAMES and length >= 8 and at + 9 <= len(data):
-            height, width = struct.unpack_from(">HH", data, at + 5)
-            header = Header(width, height)
-            frame, components = kind, data[at + 10 : at + 2 + length : 3]
-            if frame not in (*BASELINE, PROGRESSIVE):
-                # Of arithmetic codes no decoder tells whether they are damaged.
-                raise InputError("it is no baseline or progressive JPEG, as cameras write")
-        if kind == SCAN[1]:
-            _check_end(data, at)
-            _check_scans(data, at, components, frame == PROGRESSIVE)
-            if header is None:
-                raise InputError("it is damaged: it does not tell its size")
-            return header
+            return
+        length = int.from_bytes(data[at + 2 : at + 4], "big")
+        content = data[at + 4 : at + 2 + length]
         at += 2 + length
-    raise TruncatedError("it has no image in it: it is truncated or damaged")
+        scanned |= kind == SCAN
+        yield kind, content, at
 
 
-def _check_end(data: bytes, first: int) -> None:
-    # In scans 0xFF never stands before a code of a marker, and a preview in one of the
-    # segments before them has an end of its own.
-    last = data.rfind(SCAN, first)
-    if data.rfind(END) < last:
-        raise TruncatedError("it has no end: it is truncated")
-    if last > first and data.count(SCAN, first) > MOST_SCANS:
-        raise InputError(f"it has more than {MOST_SCANS} scans")
-
-
-def _check_scans(data: bytes, at: int, components: bytes, progressive: bool) -> None:
-    """Refuse a JPEG that lacks a component, or bits of coefficients that more scans refine.
+def _read_jpeg(data: bytes) -> Header:
+    """Read the size of a JPEG, and refuse one without an end, or with parts of scans missing.
 
     A decoder takes what is there for a coarse image and smooths over the rest (T.81, G.1.1.1.1).
     """
+    header: Header | None = None
+    progressive = False
+    scans = last = 0
     # By component, to how many bits less than all each coefficient is known.
-    missing = {component: [COEFFICIENTS] * COEFFICIENTS for component in components}
-    while at + 4 <= len(data) and data[at + 1] != END[1]:
-        (length,) = struct.unpack_from(">H", data, at + 2)
-        content = data[at + 4 : at + 2 + length]
-        at += 2 + length
-        if data[at - length - 1] == SCAN[1] and content:
-            if len(content) < 4 + 2 * content[0]:
-                break
-            band = slice(content[-3], content[-2] + 1) if progressive else slice(None)
-            before, after = (content[-1] >> 4, content[-1] & 15) if progressive else (0, 0)
-            for component in content[1 : 1 + 2 * content[0] : 2]:
-                bits = missing.get(component, [])
-                # A scan that refines rests on the one before it.
-                bits[band] = [after if before in (0, k) else k for k in bits[band]]
-        marker = MARKER.search(data, at)
-        if marker is None:
-            break
-        at = marker.start()
+    missing: dict[int, list[int]] = {}
+    for kind, content, at in segments(data):
+        if kind == SCAN:
+            scans, last = scans + 1, at
+            if scans > MOST_SCANS:
+                raise InputError(f"it has more than {MOST_SCANS} scans")
+            if content and len(content) >= 4 + 2 * content[0]:
+                _take_scan(missing, content, progressive)
+        elif kind in FRAMES and scans == 0 and len(content) >= 6:
+            height, width = struct.unpack_from(">HH", content, 1)
+            header = Header(width, height)
+            if kind not in (*BASELINE, PROGRESSIVE):
+                # Of arithmetic codes no decoder tells whether they are damaged.
+                raise InputError("it is no baseline or progressive JPEG, as cameras write")
+            progressive = kind == PROGRESSIVE
+            missing = {component: [COEFFICIENTS] * COEFFICIENTS for component in content[6::3]}
+    if scans == 0:
+        raise TruncatedError("it has no image in it: it is truncated or damaged")
+    # A preview in one of the segments before the scans has an end of its own.
+    if data.rfind(END) < last:
+        raise TruncatedError("it has no end: it is truncated")
     if any(map(any, missing.values())):
         raise TruncatedError("scans of it are missing: it is truncated")
+    if header is None:
+        raise InputError("it is damaged: it does not tell its size")
+    return header
+
+
+def _take_scan(missing: dict[int, list[int]], content: bytes, progressive: bool) -> None:
+    """Note the bits of coefficients that a scan brings, by its segment's content."""
+    band = slice(content[-3], content[-2] + 1) if progressive else slice(None)
+    before, after = (content[-1] >> 4, content[-1] & 15) if progressive else (0, 0)
+    for component in content[1 : 1 + 2 * content[0] : 2]:
+        bits = missing.get(component, [])
+        # A scan that refines rests on the one before it.
+        bits[band] = [after if before in (0, k) else k for k in bits[band]]
 
 
 def _read_tiff(data: bytes) -> Header:

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.errors import InputError
-from uw_visibility.images.encoded import ALONE, BASELINE, MARKER, TruncatedError
+from uw_visibility.images.encoded import BASELINE, MARKER, SCAN, TruncatedError, segments
 
-HUFFMAN_TABLES, RESTART_INTERVAL, SCAN, END = 0xC4, 0xDD, 0xDA, 0xD9
+HUFFMAN_TABLES, RESTART_INTERVAL = 0xC4, 0xDD
 CODE_LENGTHS, LONGEST_CODE = 16, 16
 # What the kernel returns in place of where the scan ends.
 DAMAGED, CUT_OFF = -1, -2
@@ -35,23 +35,8 @@ def check_blocks(data: bytes) -> None:
     `TruncatedError` where its codes end early, `InputError` where they are damaged or left over.
     """
     reader = _ScanReader(data)
-    at = 2
-    scans = 0
     try:
-        while at + 4 <= len(data):
-            kind = data[at + 1]
-            if data[at] != 0xFF or kind == 0xFF:
-                # Some encoders fill up behind a scan.
-                at += 1
-                continue
-            if kind in ALONE or kind == 0:
-                at += 2
-                continue
-            if kind == END:
-                break
-            (length,) = struct.unpack_from(">H", data, at + 2)
-            content = data[at + 4 : at + 2 + length]
-            at += 2 + length
+        for kind, content, at in segments(data):
             if kind != SCAN:
                 reader.take(kind, content)
                 continue
@@ -63,15 +48,12 @@ def check_blocks(data: bytes) -> None:
             if end == DAMAGED:
                 raise InputError("it is damaged: its codes lead astray")
             marker = MARKER.search(data, end)
-            at = len(data) if marker is None else marker.start()
-            if len(data[end:at].strip(b"\0")) > MOST_PADDING:
+            over = data[end:] if marker is None else data[end : marker.start()]
+            if len(over.strip(b"\0")) > MOST_PADDING:
                 raise InputError("it is damaged: codes are left over")
-            scans += 1
     except (struct.error, LookupError):
         # What is missing here, as tables that a camera takes for known, decoders may know.
         return
-    if not scans:
-        raise TruncatedError("it has no image in it: it is truncated or damaged")
 
 
 class _Component(NamedTuple):
