@@ -361,8 +361,8 @@ class EnhancementConfig(NetworkConfig):
         minimum=1e-7, maximum=1.0,
     )
     max_gap: int = parameter(
-        40, "How far a gap in the disparity map looks for its surroundings; what finds too "
-        "few is inpainted.",
+        40, "How far a gap in the disparity map looks for its surroundings; what is wider than "
+        "twice that is inpainted.",
         unit="px", minimum=1, maximum=512,
     )
 

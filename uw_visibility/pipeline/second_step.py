@@ -49,7 +49,7 @@ class ImprovedDisparity:
     with_occlusions: DisparityMap
     # (H, W) float32 or None, px; the raw pair matched alone, where asked for
     original: DisparityMap | None
-    match: DenseMatch  # both views, at the size at which they were matched
+    match: DenseMatch  # at the size at which the views were matched
     support_points: int  # support points of the restored pair
     scale: int = 1  # side of the squares of pixels whose means were matched, px
 
@@ -112,11 +112,9 @@ class SecondStep:
 
     def fill(self, improved: ImprovedDisparity) -> DisparityMap:
         """Fill gaps of the left view's disparity, then large areas; at the images' size, px."""
-        match = improved.match
-        scale = self._scales[improved.scale]
         filled = fill_gaps(
-            _whole(match), match.right, self._config.enhancement.max_gap, self._workers)
-        return scale.pyramid.upsample_disparity(inpaint(filled))
+            _whole(improved.match), self._config.enhancement.max_gap, self._workers)
+        return self._scales[improved.scale].pyramid.upsample_disparity(inpaint(filled))
 
     def support_points(self, left: View, right: View) -> Points:
         """Return the support points of a raw pair, px of the images."""

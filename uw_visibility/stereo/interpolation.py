@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Disparity interpolation: gaps (Hirschmüller 2008), large areas by inpainting or a plane.
+"""Disparity interpolation: gaps from the background, large areas by inpainting or a plane.
 
 The plane is the dominant one of the scene in disparity space (RANSAC, doi
 10.1145/358669.358692), for a thin mesh (section II-E).
@@ -14,147 +14,59 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
-from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, DisparityMap
 from uw_visibility.images.cells import fold, spread
 
-# Directions that one sweep over the rows looks in; along a row there are two more.
-DIRECTIONS = 3
-# How far (px) a disparity of the right map may miss a pixel of the left one and
-# still count as lying on it.
-TOLERANCE = 1
-# Pairs that Batcher's network (doi 10.1145/1468075.1468121) compares: it sorts without branches.
-_NETWORK = (
-    (0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (1, 2), (5, 6),
-    (0, 4), (1, 5), (2, 6), (3, 7), (2, 4), (3, 5), (1, 2), (3, 4), (5, 6))
-
 
 def fill_gaps(
-    left: DisparityMap, right: DisparityMap, max_gap: int, workers: Workers
+    disparity: DisparityMap, max_gap: int, workers: Workers
 ) -> NDArray[np.float32]:
-    """Discontinuity-preserving gap filling (Hirschmüller 2008, section 2.6.3).
+    """Fill gaps within rows from the background, which is what most of them hide.
 
-    From the eight directions around each pixel, doi 10.1109/TPAMI.2007.1166. An occluded pixel
-    takes the second lowest of what it sees, so it belongs to the background; a mismatched one
-    takes their median, so a hole in the foreground stays foreground.
+    Each takes the farther of its two sides in the row (Hirschmüller 2008, section 2.6.3, fills
+    occlusions from there, too), if no pixel of it is more than `max_gap` px from either.
 
-    left: (H, W) float32, left disparity map, px; NaN = a gap.
-    right: (H, W) float32, right disparity map **before** the left/right check, positive px, NaN
-        = unknown. Where none of its disparities points at a pixel, that pixel is occluded.
-    max_gap: how far a pixel looks for disparities, px.
-    Returns (H, W) float32, a new map; NaN stays where fewer than three directions meet a
-    disparity within `max_gap`.
+    disparity: (H, W) float32, px; NaN = a gap.
+    Returns (H, W) float32, a new map; NaN stays in wider gaps.
     """
-    if left.shape != right.shape:
-        raise InputError(f"disparity maps are of the shapes {left.shape} and {right.shape}")
-    seen = np.empty((2, DIRECTIONS, *left.shape), np.float32)
-    workers.rows(_sweep, 2, left, max_gap, seen)
-    filled = np.empty_like(left)
-    workers.rows(_choose, left.shape[0], left, right, max_gap, seen, filled)
+    filled = np.empty_like(disparity)
+    workers.rows(_fill_rows, disparity.shape[0], disparity, 2 * max_gap, filled)
     return filled
 
 
 @njit(nogil=True, error_model="numpy")
-def _sweep(start: int, stop: int, disparity: Any, max_gap: int, seen: Any) -> None:
-    """Carry the last disparity met along three directions over the map.
-
-    Sweep 0 goes down and looks up-left, up and up-right; sweep 1 goes up and
-    looks the other way; inf where they meet none. Whole rows at a time, since
-    that makes vector code.
-    """
-    height, width = disparity.shape
-    nothing = np.float32(np.inf)
-    limit = np.int32(max_gap)
-    for sweep in range(start, stop):
-        # A column more on either side, so that leaning directions end there.
-        value = np.full((2, DIRECTIONS, width + 2), nothing, np.float32)
-        age = np.zeros((2, DIRECTIONS, width + 2), np.int32)
-        for row in range(height):
-            y = row if sweep == 0 else height - 1 - row
-            here = disparity[y]
-            for k in range(DIRECTIONS):
-                old_value = value[1 - row % 2, k, k:]
-                old_age = age[1 - row % 2, k, k:]
-                new_value = value[row % 2, k, 1:]
-                new_age = age[row % 2, k, 1:]
-                out = seen[sweep, k, y]
-                for x in range(width):
-                    d = here[x]
-                    a = old_age[x] + np.int32(1)
-                    v = old_value[x] if a <= limit else nothing
-                    new_value[x] = v if d != d else d
-                    new_age[x] = a if d != d else np.int32(0)
-                    out[x] = v
-
-
-@njit(nogil=True, error_model="numpy")
-def _point_at(right: Any, hit: Any) -> None:
-    """Mark the pixels of a row that a disparity of the right row points at, within `TOLERANCE`.
-
-    ``hit`` reaches twice as many columns beyond the row on either side.
-    """
-    width = right.size
-    hit[:] = False
-    for q in range(width):
-        d = right[q]
-        # Comparisons with NaN are false.
-        if d >= 0 and d <= width:
-            x = q + index_of(d + np.float32(0.5), 0, width)
-            if x < width + TOLERANCE:
-                for near in range(x + TOLERANCE, x + 3 * TOLERANCE + 1):
-                    hit[near] = True
-
-
-@njit(nogil=True, error_model="numpy")
-def _choose_of_eight(around: Any, hit: bool) -> Any:
-    """Choose from the (8,) disparities around a gap, which are sorted; inf = none."""
-    for i, j in _NETWORK:
-        low, high = min(around[i], around[j]), max(around[i], around[j])
-        around[i], around[j] = low, high
-    count = 0
-    while count < around.size and around[count] < np.inf:
-        count += 1
-    if count < 3:
-        return np.float32(np.nan)
-    # The lower one of two in the middle: always a value that was seen.
-    return around[(count - 1) // 2] if hit else around[1]
-
-
-@njit(nogil=True, error_model="numpy")
-def _choose(
-    start: int, stop: int, left: Any, right: Any, max_gap: int, seen: Any, filled: Any
-) -> None:
-    """Fill each gap from the up to eight disparities around it."""
-    width = left.shape[1]
-    nothing = np.float32(np.inf)
-    hit = np.zeros(width + 4 * TOLERANCE, np.bool_)
-    after = np.empty(width, np.float32)
-    around = np.empty(2 * DIRECTIONS + 2, np.float32)
+def _fill_rows(start: int, stop: int, disparity: Any, widest: int, filled: Any) -> None:
     for y in range(start, stop):
-        here = left[y]
-        _point_at(right[y], hit)
-        value, age = nothing, 0
-        for x in range(width - 1, -1, -1):
-            age += 1
-            if here[x] == here[x]:
-                value, age = here[x], 0
-            after[x] = value if age <= max_gap else nothing
-        value, age = nothing, 0
-        for x in range(width):
-            age += 1
-            filled[y, x] = here[x]
-            if here[x] == here[x]:
-                value, age = here[x], 0
-                continue
-            for k in range(DIRECTIONS):
-                around[k] = seen[0, k, y, x]
-                around[DIRECTIONS + k] = seen[1, k, y, x]
-            around[2 * DIRECTIONS] = value if age <= max_gap else nothing
-            around[2 * DIRECTIONS + 1] = after[x]
-            filled[y, x] = _choose_of_eight(around, hit[x + 2 * TOLERANCE])
+        fill_from_farther(disparity[y], widest, filled[y])
+
+
+@njit(nogil=True, error_model="numpy")
+def fill_from_farther(row: Any, widest: int, filled: Any) -> None:
+    """Copy a row, and give gaps in it, NaN or -inf, the farther of their two sides.
+
+    At the border there is one side only. Gaps of more than `widest` px become NaN.
+    """
+    width = row.size
+    nothing = np.float32(-np.inf)
+    last = nothing
+    x = 0
+    while x < width:
+        if row[x] > nothing:
+            last = row[x]
+            filled[x] = last
+            x += 1
+            continue
+        end = x
+        while end < width and not row[end] > nothing:
+            end += 1
+        after = row[end] if end < width else nothing
+        value = min(last, after)
+        if value == nothing:
+            value = max(last, after)
+        filled[x:end] = value if value != nothing and end - x <= widest else np.float32(np.nan)
+        x = end
 
 
 # Pixels per cell of the grid that large areas are inpainted on.

@@ -26,7 +26,6 @@ from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import DenseMatch, Matcher, SupportPoints
 from uw_visibility.stereo.elas.postprocess import remove_segments
 from uw_visibility.stereo.rig import DISPARITY_STDDEV
-from uw_visibility.stereo.views import in_right_view
 
 # Standard deviation of the mean brightness that is taken off a restored view, px: contrast that
 # is wider was not restored.
@@ -62,9 +61,7 @@ class OnnxMatcher(Matcher):
         disparity = self._run(left, right)
         if not self._config.network_check:
             self._clear(disparity)
-            return DenseMatch(
-                disparity, np.rint(in_right_view(disparity, self._workers)), None,
-                stddev=DISPARITY_STDDEV)
+            return DenseMatch(disparity, None, stddev=DISPARITY_STDDEV)
         best_right = self._run(right[:, ::-1], left[:, ::-1])[:, ::-1]
         low, high = self._disparities
         stddev, rated = rate_difference(
@@ -74,8 +71,7 @@ class OnnxMatcher(Matcher):
         rated[np.isnan(disparity)] = 0
         for_colour = disparity.copy()
         for_colour[rated < least_for_colour] = np.nan
-        return DenseMatch(
-            disparity, np.rint(best_right), rated if confidence else None, for_colour, stddev)
+        return DenseMatch(disparity, rated if confidence else None, for_colour, stddev)
 
     def _clear(self, disparity: DisparityMap) -> None:
         """Set to NaN, as ELAS does, what noise explains, as in open water, and small segments."""

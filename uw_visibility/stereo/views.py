@@ -13,6 +13,7 @@ from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import DisparityMap
+from uw_visibility.stereo.interpolation import fill_from_farther
 
 
 def in_right_view(disparity: DisparityMap, workers: Workers | None = None) -> NDArray[np.float32]:
@@ -41,7 +42,7 @@ def _warp(start: int, stop: int, disparity: Any, warped: Any) -> None:
         for x in range(width):
             at = np.uint32(column[x])
             nearest[at] = max(nearest[at], row[x])
-        _fill_from_farther(nearest[1:], warped[y])
+        fill_from_farther(nearest[1:], width, warped[y])
 
 
 @njit(nogil=True, error_model="numpy")
@@ -54,27 +55,3 @@ def _columns(row: Any, column: Any) -> None:
         other = x - row[x]
         inside = (other > -0.5) & (other < row.size - 0.5)
         column[x] = index_of(other + 1.5, 0, row.size) if inside else np.int32(0)
-
-
-@njit(nogil=True, error_model="numpy")
-def _fill_from_farther(nearest: Any, row: Any) -> None:
-    """Copy a row, and give what is -inf in it the farther of its two neighbours'."""
-    width = row.size
-    nothing = np.float32(-np.inf)
-    last = nothing
-    x = 0
-    while x < width:
-        if nearest[x] != nothing:
-            last = nearest[x]
-            row[x] = last
-            x += 1
-            continue
-        end = x
-        while end < width and nearest[end] == nothing:
-            end += 1
-        after = nearest[end] if end < width else nothing
-        value = min(last, after)
-        if value == nothing:
-            value = max(last, after)
-        row[x:end] = value if value != nothing else np.float32(np.nan)
-        x = end

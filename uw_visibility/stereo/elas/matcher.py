@@ -87,9 +87,6 @@ class DenseMatch:
     ----------
     disparity : (H, W) float32 ndarray
         Left-referenced, px; NaN where unmatched.
-    right : (H, W) float32 ndarray
-        What each pixel of the right view matches best, whole px, before the views are compared;
-        NaN where nothing was tried. It tells occlusions from mismatches.
     confidence : (H, W) float32 ndarray or None
         Probability that `disparity` is within 1 px of the truth; 0 where unmatched; None where
         not asked for.
@@ -102,7 +99,6 @@ class DenseMatch:
     """
 
     disparity: DisparityMap
-    right: NDArray[np.float32]
     confidence: NDArray[np.float32] | None
     with_occlusions: DisparityMap | None = None
     stddev: float | None = None
@@ -211,20 +207,17 @@ class Matcher:
         disparity = np.full(self._shape, np.nan, np.float32)
         if len(support) == 0:
             nowhere = np.zeros(self._shape, np.float32) if confidence else None
-            return DenseMatch(disparity, disparity.copy(), nowhere)
+            return DenseMatch(disparity, nowhere)
         config = settings_in_noise(self._config, self._left.noise)
         self._find_best(config, support, disparity)
         self._postprocess(config, disparity)
         with_occlusions = disparity.copy()
         postprocess.remove_occluded(disparity, self._workers)
-        best_right = self._search.best[1]
-        right = best_right.astype(np.float32)
-        right[best_right < 0] = np.nan
         asked = self._config.min_confidence
         least = least_confidence(self._left.noise)
         rated = None
         if confidence or asked > 0 or least > 0:
-            matched = disparity, best_right, self._descriptors
+            matched = disparity, self._search.best[1], self._descriptors
             rated = (
                 rate_in_noise(*matched, self._left, self._workers) if self._is_noisy()
                 else rate(*matched, self._workers))
@@ -236,7 +229,7 @@ class Matcher:
             if least > 0 or asked > 0:
                 disparity[rated < asked] = np.nan
                 rated[np.isnan(disparity)] = 0.0
-        return DenseMatch(disparity, right, rated, with_occlusions)
+        return DenseMatch(disparity, rated, with_occlusions)
 
     def _find_best(
         self, config: StereoConfig, support: SupportPoints, disparity: DisparityMap
