@@ -11,9 +11,9 @@ semi-global matcher takes the place of the dense search.
 # %%
 # What is asked of a matcher
 # --------------------------
-# :class:`~uw_visibility.stereo.matchers.StereoMatcher` lists the methods: take the pair as
+# :class:`~uw_visibility.stereo.elas.Matcher`, that of ELAS, has the methods: take the pair as
 # recorded, and with its contrast restored; match it sparsely; interpolate; match it densely. A
-# subclass of the ELAS matcher replaces those that it needs.
+# subclass replaces those that it needs.
 #
 # The restored views arrive as :class:`~uw_visibility.stereo.contrast.ContrastNormalizer`: a grey
 # image and, for each pixel, the gain that restores its contrast. A matcher of gradients takes

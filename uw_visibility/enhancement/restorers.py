@@ -1,12 +1,12 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Image restorers by name, and what the pipeline asks of one."""
+"""Image restorers by name: that of the light model, and a network of one's own."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -16,16 +16,6 @@ from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.images.arrays import Mask, PerChannel, RangeMap
 from uw_visibility.images.network import ONNX, Network, load
 from uw_visibility.optics.light_model import Water
-
-
-class ImageRestorer(Protocol):
-    """Restorer of images; see `uw_visibility.enhancement.radiance.Restorer`, the first of them."""
-
-    def restore(
-        self, image: Any, range_map: RangeMap, water: Water, noise: PerChannel | None = None,
-        known: Any = None, /,
-    ) -> tuple[Any, Mask]:
-        """Return the image without the water, and where it was restored by less than half."""
 
 
 class OnnxRestorer:
@@ -65,10 +55,11 @@ class OnnxRestorer:
         return restored, np.zeros(shape, np.bool_)
 
 
-RESTORERS: dict[str, Callable[[EnhancementConfig, str, Workers], ImageRestorer]] = {
+RESTORERS: dict[str, Callable[[EnhancementConfig, str, Workers], Restorer | OnnxRestorer]] = {
     "radiance": Restorer, ONNX: OnnxRestorer,
 }
-"""Makers of restorers, of parameters, transfer and threads: another one is an entry here."""
+"""Makers of restorers, of parameters, transfer and threads: another one is an entry here, with the
+call `Restorer.restore`."""
 
 RESTORER = EnhancementConfig.restorer
 """The default of the parameter `enhancement.restorer`, and the only one under lamps."""
