@@ -2,12 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Confidence of matches: the probability that a disparity is within 1 px of the truth.
 
-A logistic regression on what is at hand where a match is made: how much its descriptors
-differ over their texture, the range of disparities around it (a depth edge), how much of its
-neighbourhood is unmatched, and how much of it, and of the whole image, the right view denies,
-which is more the more noise there is. Fitted to four Middlebury scenes and four rendered ones
-in water, with 0 to 4 codes of noise; `lab/studies/stereo-noise.md` has its reliability on
-scenes that a fit left out.
+A logistic regression on how much a match's descriptors differ over their texture, the level of
+noise, and what look-alikes were matched to. Where noise hides a surface's texture, the nearest
+strong edge is all that descriptors see, and what is beside it takes the disparity of the edge in
+both views: the left/right check passes, and pixels that the right view does not even show are
+matched. Their tone tells: of the pixels around that look like them, most are unmatched, matched
+farther away, or denied by the right view. So each pixel asks those around it, weighted by how much
+they look alike, as in a weighted mode filter (Min, Lu and Do, doi:10.1109/TIP.2011.2163164).
+
+Fitted to four Middlebury scenes and rendered ones in water with 1 to 4 codes of noise, some
+through JPEG, at full size and at coarser scales; `lab/studies/stereo-noise.md` has its
+reliability on scenes that a fit left out, and without noise.
 """
 
 from __future__ import annotations
@@ -21,56 +26,47 @@ from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import DisparityMap
+from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas.descriptors import BYTES, MIDDLE, absolute_difference
-from uw_visibility.stereo.elas.edges import MARGIN, STRIDE, VOTERS, range_around
-from uw_visibility.stereo.elas.postprocess import columns_in_right
+from uw_visibility.stereo.elas.edges import alike
+from uw_visibility.stereo.elas.postprocess import (
+    columns_in_right,
+    fill_small_gaps,
+    remove_occluded,
+)
 
-# Log odds of a wrong match: without anything against it; for difference over texture; for
-# each pixel of the range of disparities; for the unmatched share of the pixels around; for the
-# logarithm of 1 + 25 times the share of the matched ones among them that the right view denies;
-# for that share of the whole image. Where that is large an edge tells less.
-_BASE = -6.186
-_DIFFERENCE = np.float32(0.459)
-_RANGE, _RANGE_WHERE_DENIED = 0.802, -2.179
-_UNMATCHED = 3.169
-_DENIED = 0.895
-_DENIED_OF_ALL = 10.907
-# Up to these they count.
-_MOST_DIFFERENCE = np.float32(2.0)
-_MOST_RANGE = np.float32(3.0)
+# Pixels that are asked: five by five of them, this far apart.
+_STRIDE, _STEPS = 6, 2
+# Difference of even contrast, 8-bit levels, at which a voter counts half: noise is in it.
+_ALIKE = 40.0
+# Voters whose disparity differs by more, px, are of another surface.
+_STEP = np.float32(1.5)
+# Added to the sum of weights: who looks like nobody learns little from the others.
+_LEAST_WEIGHT = np.float32(0.05)
+# Doubtful pixels in a row that stand between sure ones, which are within so many px.
+_BETWEEN_SURE, _ONE_SURFACE = 2, 1.0
+# Log odds of a wrong match: without anything against it; for difference over texture; for the
+# share of the look-alikes that were not matched to the same surface, and as much for that of
+# those that the right view denies; for a level of restored noise, and the most levels that count.
+_BASE, _DIFFERENCE, _AGAINST = -4.091, np.float32(0.322), np.float32(4.255)
+_PER_LEVEL, _MOST_NOISE = 0.0537, 30.0
+# Difference over texture counts up to this. Added to the texture, so that noise on a blank wall is
+# no small difference.
+_MOST_DIFFERENCE, _LEAST_TEXTURE = np.float32(2.0), np.float32(20.0)
 # The right view denies a match whose pixel it matches by more than so many px otherwise.
 _AGREES = np.float32(1.0)
-# Marks are summed over the voters: these bits count the matched ones, those above the denied.
-_MATCHED_BITS = 5
-_NO_MARK, _MATCHED, _DENIED_TOO = np.uint16(0), np.uint16(1), np.uint16(1 << _MATCHED_BITS)
-# Added to the texture, so that noise on a blank wall is no small difference.
-_LEAST_TEXTURE = np.float32(20.0)
-# Log odds that a table of confidence holds, and its entries for a unit of them.
-_LEAST_ODDS, _MOST_ODDS = -8, 8
-_PER_UNIT = 16
-
-
-def confidence_table(per_unit: int) -> NDArray[np.float32]:
-    """Confidence by the log odds of a wrong match, so many entries a unit; see `look_up`."""
-    odds = np.arange(_LEAST_ODDS, _MOST_ODDS + 0.5 / per_unit, 1 / per_unit)
-    return (1 / (1 + np.exp(odds))).astype(np.float32)
-
-
-def _odds_of_votes() -> NDArray[np.float32]:
-    denied, matched = np.divmod(np.arange((VOTERS + 1) << _MATCHED_BITS), 1 << _MATCHED_BITS)
-    share = denied / np.maximum(matched, 1)
-    votes = _BASE + _UNMATCHED * (1 - matched / VOTERS) + _DENIED * np.log1p(VOTERS * share)
-    return votes.astype(np.float32)
-
-
-_ODDS_OF_VOTES = _odds_of_votes()
-_CONFIDENCE = confidence_table(_PER_UNIT)
+# Log odds that the table of confidence holds, and its entries for a unit of them: most matches are
+# much alike.
+_LEAST_ODDS, _MOST_ODDS, _PER_UNIT = -8, 8, 256
+_ODDS = np.arange(_LEAST_ODDS, _MOST_ODDS + 0.5 / _PER_UNIT, 1 / _PER_UNIT)
+_CONFIDENCE = (1 / (1 + np.exp(_ODDS))).astype(np.float32)
 
 
 def rate(
     disparity: DisparityMap,
     best_right: NDArray[np.int16],
     descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
+    image: ContrastNormalizer,
     workers: Workers,
 ) -> NDArray[np.float32]:
     """Confidence of each disparity of a matched pair.
@@ -78,38 +74,104 @@ def rate(
     disparity: (H, W) float32, left-referenced, px; NaN where unmatched.
     best_right: (H, W) int16, what the search found in the right view, px; -1 for nothing.
     descriptors: tuple of (H * W * 16,) uint8, of the left and of the right view.
+    image: the left view that was described.
     Returns (H, W) float32, probability that the disparity is within 1 px of the truth; 0 where
     unmatched.
     """
+    height = disparity.shape[0]
     confidence = np.empty(disparity.shape, np.float32)
-    marks, share = mark(disparity, best_right, workers)
-    odds_of_votes = _ODDS_OF_VOTES + np.float32(_DENIED_OF_ALL * share)
-    odds_of_range = np.float32(max(_RANGE + _RANGE_WHERE_DENIED * share, 0.0))
-    workers.rows(
-        _rate, disparity.shape[0], disparity, marks, descriptors[0], descriptors[1],
-        odds_of_votes, odds_of_range, _CONFIDENCE, confidence,
-    )
+    denied = np.empty(disparity.shape, np.bool_)
+    workers.rows(_deny, height, disparity, best_right, denied)
+    base = np.float32(_BASE + _PER_LEVEL * min(image.noise, _MOST_NOISE))
+    workers.rows(ask_look_alikes, height, disparity, denied, image.grey, image.gain, confidence)
+    workers.rows(_rate, height, disparity, *descriptors, base, _CONFIDENCE, confidence)
     return confidence
 
 
-def mark(
-    disparity: DisparityMap, best_right: NDArray[np.int16], workers: Workers
-) -> tuple[NDArray[np.uint16], float]:
-    """Marks (H, W) of what is matched and what the right view denies; the share that it denies."""
-    marks = np.empty(disparity.shape, np.uint16)
-    workers.rows(_mark, disparity.shape[0], disparity, best_right, marks)
-    matched = int(np.count_nonzero(marks))
-    return marks, int(np.count_nonzero(marks > _MATCHED)) / max(matched, 1)
+def drop_doubtful(
+    disparity: DisparityMap, confidence: NDArray[np.float32], least: float, workers: Workers
+) -> None:
+    """Set matches of less than the least confidence to NaN, in place.
 
-
-@njit(nogil=True, error_model="numpy", inline="always")
-def is_denied(marked: Any) -> bool:
-    """Whether a mark says that the right view denies the match."""
-    return marked >> _MATCHED_BITS != 0
+    One or two doubtful pixels in a row between sure ones on one surface stay.
+    """
+    unmatched = np.isnan(disparity)
+    disparity[confidence < least] = np.nan
+    # Between two sure ones on one surface doubt is of the pixel, not of the surface.
+    fill_small_gaps(disparity, _BETWEEN_SURE, _ONE_SURFACE, workers)
+    disparity[unmatched] = np.nan
+    remove_occluded(disparity, workers)
 
 
 @njit(nogil=True, error_model="numpy")
-def difference_over_texture(left: Any, right: Any, blank: Any, row: int, x: Any, d: Any) -> Any:
+def _deny(start: int, stop: int, disparity: Any, best_right: Any, denied: Any) -> None:
+    """Mark the matches that the right view denies."""
+    width = disparity.shape[1]
+    column = np.empty(width, np.int32)
+    there = np.empty(width, np.int16)
+    for y in range(start, stop):
+        columns_in_right(disparity[y], column)
+        for x in range(width):
+            there[x] = best_right[y, np.uint32(max(column[x], 0))]
+        _compare_row(disparity[y], there, denied[y])
+
+
+@njit(nogil=True, error_model="numpy")
+def _compare_row(row: Any, there: Any, denied: Any) -> None:
+    """Compare a row; all at once, since that makes vector code."""
+    for x in range(row.size):
+        # Where the right view tried nothing it denies nothing, and NaN is no match.
+        denied[x] = (abs(row[x] - np.float32(there[x])) > _AGREES) & (there[x] >= 0)
+
+
+@njit(nogil=True, error_model="numpy")
+def ask_look_alikes(
+    start: int, stop: int, disparity: Any, denied: Any, grey: Any, gain: Any, against: Any
+) -> None:
+    """Write the weighted share of the voters that speak against each match."""
+    height, width = disparity.shape
+    tone, scale = np.empty(width, np.float32), np.empty(width, np.float32)
+    total = np.empty(width, np.float32)
+    for y in range(start, stop):
+        for x in range(width):
+            tone[x] = np.float32(grey[y, x])
+            scale[x] = gain[y, x] * np.float32(1.0 / _ALIKE)
+            total[x] = _LEAST_WEIGHT
+            against[y, x] = 0
+        for j in range(-_STEPS, _STEPS + 1):
+            v = min(max(y + j * _STRIDE, 0), height - 1)
+            for i in range(-_STEPS, _STEPS + 1):
+                if i == 0 and j == 0:
+                    continue
+                shift = i * _STRIDE
+                _ask(
+                    max(0, -shift), min(width, width - shift), shift, disparity[y], tone, scale,
+                    disparity[v], denied[v], grey[v],
+                    np.float32(_STEPS**2 / (_STEPS**2 + i * i + j * j)), total, against[y],
+                )
+        for x in range(width):
+            against[y, x] /= total[x]
+
+
+@njit(nogil=True, error_model="numpy")
+def _ask(
+    first: int, last: int, shift: int, row: Any, tone: Any, scale: Any, voters: Any,
+    voter_denied: Any, voter_tone: Any, closeness: Any, total: Any, against: Any,
+) -> None:
+    """Add one voter of each pixel of a row; apart from the rest, which makes vector code."""
+    zero, one = np.float32(0), np.float32(1)
+    for x in range(first, last):
+        at, other = np.uint64(x), np.uint64(x + shift)
+        weight = closeness * alike((tone[at] - np.float32(voter_tone[other])) * scale[at])
+        # Also where the voter is unmatched.
+        says = zero if abs(voters[other] - row[at]) <= _STEP else one
+        says += one if voter_denied[other] else zero
+        total[at] += weight
+        against[at] += weight * says
+
+
+@njit(nogil=True, error_model="numpy")
+def _difference_over_texture(left: Any, right: Any, blank: Any, row: int, x: Any, d: Any) -> Any:
     """Difference of a match's descriptors over their texture; `row` is the row's first pixel."""
     at = (row + x) * BYTES
     other = (row + x - index_of(d + np.float32(0.5), 0, x)) * BYTES
@@ -118,84 +180,21 @@ def difference_over_texture(left: Any, right: Any, blank: Any, row: int, x: Any,
     return min(difference / texture, _MOST_DIFFERENCE)
 
 
-@njit(nogil=True, error_model="numpy", inline="always")
-def look_up(table: Any, per_unit: int, odds: Any) -> Any:
-    """Confidence for log odds of a wrong match, from a `confidence_table`."""
-    entry = (odds - np.float32(_LEAST_ODDS)) * np.float32(per_unit) + np.float32(0.5)
-    return table[index_of(entry, 0, table.size - 1)]
-
-
-@njit(nogil=True, error_model="numpy")
-def _mark(start: int, stop: int, disparity: Any, best_right: Any, marks: Any) -> None:
-    width = disparity.shape[1]
-    column = np.empty(width, np.int32)
-    there = np.empty(width, np.int16)
-    for y in range(start, stop):
-        columns_in_right(disparity[y], column)
-        _gather(best_right[y], column, there)
-        _mark_row(disparity[y], there, marks[y])
-
-
-@njit(nogil=True, error_model="numpy")
-def _gather(source: Any, column: Any, out: Any) -> None:
-    for x in range(column.size):
-        out[x] = source[np.uint32(max(column[x], 0))]
-
-
-@njit(nogil=True, error_model="numpy")
-def _mark_row(row: Any, there: Any, marks: Any) -> None:
-    for x in range(row.size):
-        d, other = row[x], np.float32(there[x])
-        matched = _MATCHED if d == d else _NO_MARK
-        # Where the right view tried nothing it denies nothing.
-        apart = _DENIED_TOO if abs(d - other) > _AGREES else _NO_MARK
-        marks[x] = matched | (apart if other >= 0 else _NO_MARK)
-
-
 @njit(nogil=True, error_model="numpy")
 def _rate(
-    start: int, stop: int, disparity: Any, marks: Any, left: Any, right: Any,
-    odds_of_votes: Any, odds_of_range: Any, table: Any, confidence: Any,
+    start: int, stop: int, disparity: Any, left: Any, right: Any, base: Any, table: Any,
+    confidence: Any,
 ) -> None:
+    """Make confidence of what the look-alikes say, which stands there."""
     width = disparity.shape[1]
-    low = np.full(width + 2 * MARGIN, np.inf, np.float32)
-    high = np.full(width + 2 * MARGIN, -np.inf, np.float32)
-    far, near = np.empty(width, np.float32), np.empty(width, np.float32)
-    column = np.zeros(width + 2 * MARGIN, np.uint16)
-    votes = np.empty(width, np.uint16)
     blank = np.full(BYTES, MIDDLE, np.uint8)
     for y in range(start, stop):
-        range_around(disparity, y, low, high, far, near)
-        _add_up(marks, y, column, votes)
         for x in range(width):
             d = disparity[y, x]
             if d != d:
                 confidence[y, x] = 0
                 continue
-            odds = odds_of_votes[votes[x]] + odds_of_range * min(near[x] - far[x], _MOST_RANGE)
-            odds += _DIFFERENCE * difference_over_texture(left, right, blank, y * width, x, d)
-            confidence[y, x] = look_up(table, _PER_UNIT, odds)
-
-
-@njit(nogil=True, error_model="numpy")
-def _add_up(marks: Any, y: int, column: Any, votes: Any) -> None:
-    """Write the sum of the voters' marks around each pixel of a row."""
-    height, width = marks.shape
-    inner = column[MARGIN : MARGIN + width]
-    inner[:] = 0
-    for j in range(-MARGIN, MARGIN + 1, STRIDE):
-        _add(marks[min(max(y + j, 0), height - 1)], inner)
-    i, j, k, m = STRIDE, 2 * STRIDE, 3 * STRIDE, 4 * STRIDE
-    _add_five(column, column[i:], column[j:], column[k:], column[m:], votes)
-
-
-@njit(nogil=True, error_model="numpy")
-def _add(row: Any, column: Any) -> None:
-    for x in range(column.size):
-        column[x] = np.uint16(column[x] + row[x])
-
-
-@njit(nogil=True, error_model="numpy")
-def _add_five(a: Any, b: Any, c: Any, d: Any, e: Any, out: Any) -> None:
-    for x in range(out.size):
-        out[x] = np.uint16(a[x] + b[x] + c[x] + d[x] + e[x])
+            odds = base + _AGAINST * confidence[y, x]
+            odds += _DIFFERENCE * _difference_over_texture(left, right, blank, y * width, x, d)
+            entry = (odds - np.float32(_LEAST_ODDS)) * np.float32(_PER_UNIT) + np.float32(0.5)
+            confidence[y, x] = table[index_of(entry, 0, table.size - 1)]

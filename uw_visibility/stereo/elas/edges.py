@@ -22,7 +22,6 @@ from uw_visibility.stereo.contrast import ContrastNormalizer
 STRIDE = 3
 _STEPS = 2
 MARGIN = STRIDE * _STEPS
-VOTERS = (2 * _STEPS + 1) ** 2
 # Range of disparities around a pixel from which there is an edge, px, and how much
 # a pixel has to change to be on the other side of it.
 _EDGE = np.float32(2.0)

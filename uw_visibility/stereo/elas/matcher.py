@@ -16,8 +16,7 @@ from uw_visibility.images.view import View
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.denoising import LEAST_NOISE
 from uw_visibility.stereo.elas import mesh, postprocess, semi_global
-from uw_visibility.stereo.elas.confidence import rate
-from uw_visibility.stereo.elas.confidence_in_noise import drop_doubtful, rate_in_noise
+from uw_visibility.stereo.elas.confidence import drop_doubtful, rate
 from uw_visibility.stereo.elas.dense import DenseSearch
 from uw_visibility.stereo.elas.descriptors import SCALE, Descriptors
 from uw_visibility.stereo.elas.edges import move_edges
@@ -217,10 +216,8 @@ class Matcher:
         least = least_confidence(self._left.noise)
         rated = None
         if confidence or asked > 0 or least > 0:
-            matched = disparity, self._search.best[1], self._descriptors
-            rated = (
-                rate_in_noise(*matched, self._left, self._workers) if self._is_noisy()
-                else rate(*matched, self._workers))
+            rated = rate(
+                disparity, self._search.best[1], self._descriptors, self._left, self._workers)
             for_colour = max(asked, least_for_colour, min(least, CONFIDENCE_FOR_COLOUR))
             if for_colour > 0:
                 with_occlusions[(rated > 0) & (rated < for_colour)] = np.nan
