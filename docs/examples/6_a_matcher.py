@@ -55,7 +55,7 @@ class SemiGlobalMatcher(Matcher):
         found = self._matcher.compute(*self._restored).astype(np.float32) / 16
         found[found < self._matcher.getMinDisparity()] = np.nan
         rated = np.isfinite(found).astype(np.float32) if confidence else None
-        return DenseMatch(found, rated)
+        return DenseMatch(found, rated, found)
 
 
 # %%

@@ -113,7 +113,7 @@ class SecondStep:
     def fill(self, improved: ImprovedDisparity) -> DisparityMap:
         """Fill gaps of the left view's disparity, then large areas; at the images' size, px."""
         filled = fill_gaps(
-            _whole(improved.match), self._config.enhancement.max_gap, self._workers)
+            improved.match.with_occlusions, self._config.enhancement.max_gap, self._workers)
         return self._scales[improved.scale].pyramid.upsample_disparity(inpaint(filled))
 
     def support_points(self, left: View, right: View) -> Points:
@@ -179,7 +179,7 @@ class SecondStep:
         if coarser is not None:
             with clock("darker disparity"):
                 match, _ = self._match(coarser, views, coarse, StageClock(), False)
-                darker = coarser.pyramid.upsample_disparity(_whole(match))
+                darker = coarser.pyramid.upsample_disparity(match.with_occlusions)
             whole = np.where(np.isfinite(whole), whole, darker)
         left = views.left
         if left.colour is not None:
@@ -235,8 +235,7 @@ class SecondStep:
         clock: StageClock,
     ) -> ImprovedDisparity:
         """Bring what was matched to the size of the images."""
-        disparity, confidence = match.disparity, match.confidence
-        whole = _whole(match)
+        disparity, confidence, whole = match.disparity, match.confidence, match.with_occlusions
         if scale.factor > 1:
             with clock("full size"):
                 disparity = scale.pyramid.upsample_disparity(disparity)
@@ -258,7 +257,3 @@ def _whole_noise(view: View) -> PerChannel:
         return view.noise
     codec = code_value(view.pixels) / code_value(colour.pixels) * colour.noise
     return np.asarray(np.maximum(view.noise, codec))
-
-
-def _whole(match: DenseMatch) -> DisparityMap:
-    return match.disparity if match.with_occlusions is None else match.with_occlusions

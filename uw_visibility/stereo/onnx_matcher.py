@@ -61,7 +61,7 @@ class OnnxMatcher(Matcher):
         disparity = self._run(left, right)
         if not self._config.network_check:
             self._clear(disparity)
-            return DenseMatch(disparity, None, stddev=DISPARITY_STDDEV)
+            return DenseMatch(disparity, None, disparity, DISPARITY_STDDEV)
         best_right = self._run(right[:, ::-1], left[:, ::-1])[:, ::-1]
         low, high = self._disparities
         stddev, rated = rate_difference(

@@ -89,9 +89,9 @@ class DenseMatch:
     confidence : (H, W) float32 ndarray or None
         Probability that `disparity` is within 1 px of the truth; 0 where unmatched; None where
         not asked for.
-    with_occlusions : (H, W) float32 ndarray or None
+    with_occlusions : (H, W) float32 ndarray
         `disparity` and that of what something nearer hides from the right view, which is taken
-        from its surroundings: no match, but good for colour; None for the same as `disparity`.
+        from its surroundings: no match, but good for colour.
     stddev : float or None
         Standard deviation of `disparity` where it is matched, px of the matched images, where
         the frame tells it.
@@ -99,7 +99,7 @@ class DenseMatch:
 
     disparity: DisparityMap
     confidence: NDArray[np.float32] | None
-    with_occlusions: DisparityMap | None = None
+    with_occlusions: DisparityMap
     stddev: float | None = None
 
 
@@ -206,7 +206,7 @@ class Matcher:
         disparity = np.full(self._shape, np.nan, np.float32)
         if len(support) == 0:
             nowhere = np.zeros(self._shape, np.float32) if confidence else None
-            return DenseMatch(disparity, nowhere)
+            return DenseMatch(disparity, nowhere, disparity)
         config = settings_in_noise(self._config, self._left.noise)
         self._find_best(config, support, disparity)
         self._postprocess(config, disparity)
