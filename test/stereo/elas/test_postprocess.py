@@ -5,10 +5,10 @@
 import numpy as np
 
 from uw_visibility.compute.threads import Workers
+from uw_visibility.stereo.elas.dense import meeting_of_lines
 from uw_visibility.stereo.elas.postprocess import (
-    check_and_refine,
+    check,
     fill_small_gaps,
-    meeting_of_lines,
     remove_occluded,
     remove_segments,
     smooth,
@@ -18,11 +18,8 @@ NAN = np.float32(np.nan)
 
 
 def checked(left, right, tolerance=1):
-    descriptors = np.zeros(left.size * 16, np.uint8)
-    disparity = np.empty(left.shape, np.float32)
-    check_and_refine(
-        np.stack([left, right]), (descriptors, descriptors), tolerance, disparity, Workers(1)
-    )
+    disparity = left.astype(np.float32)
+    check(np.stack([left, right]), tolerance, disparity, Workers(1))
     return disparity
 
 

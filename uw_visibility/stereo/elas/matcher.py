@@ -232,22 +232,19 @@ class Matcher:
         self, config: StereoConfig, support: SupportPoints, disparity: DisparityMap
     ) -> None:
         """Write the disparities that both views agree on, at sub-pixel resolution."""
-        best, tolerance = self._search.best, config.left_right_tolerance
-        descriptors = self._descriptors
+        best = self._search.best
         if self._is_noisy():
             self._draw_mesh(support)
             tones = semi_global.compare_tones(self._left, self._images[1], support.points)
             semi_global.search(
                 config, self._disparities, self._views, tones, support.points, self._left.noise,
                 self._plane, self._steep, best, disparity, self._workers)
-            postprocess.check(best, tolerance, disparity, self._workers)
-            return
-        self._workers.together(
-            lambda: self._draw_mesh(support),
-            lambda: self._search.try_candidates(descriptors, support.points),
-        )
-        self._search.try_plane(descriptors, self._plane, self._steep)
-        postprocess.check_and_refine(best, descriptors, tolerance, disparity, self._workers)
+        else:
+            self._workers.together(
+                lambda: self._draw_mesh(support),
+                lambda: self._search.try_candidates(self._descriptors, support.points))
+            self._search.try_plane(self._descriptors, self._plane, self._steep, disparity)
+        postprocess.check(best, config.left_right_tolerance, disparity, self._workers)
 
     @property
     def _left(self) -> ContrastNormalizer:

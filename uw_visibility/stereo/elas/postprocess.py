@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Post-processing of disparity: consistency, sub-pixel, segments, gaps, occlusions."""
+"""Post-processing of disparity: consistency, segments, gaps, occlusions."""
 
 from __future__ import annotations
 
@@ -14,8 +14,6 @@ from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import DisparityMap
-from uw_visibility.stereo.elas.dense import BORDER
-from uw_visibility.stereo.elas.descriptors import BYTES, absolute_difference
 
 # Sides of a gap that differ by no more, px, are of one surface, and the gap between them may
 # be so many times as wide as another that is bridged.
@@ -28,27 +26,14 @@ _STEPS, _OPEN = 16, -1
 _HIDES = np.float32(1.5)
 
 
-def check_and_refine(
-    best: NDArray[np.int16],
-    descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-    tolerance: int,
-    disparity: DisparityMap,
-    workers: Workers,
-) -> None:
-    """Left/right check and sub-pixel refinement of the disparities found, `best` (2, H, W).
-
-    `disparity` is overwritten; NaN where the views differ by more than `tolerance`, px.
-    """
-    workers.rows(
-        _check_and_refine, disparity.shape[0], best[0], best[1], descriptors[0], descriptors[1],
-        tolerance, disparity,
-    )
-
-
 def check(
     best: NDArray[np.int16], tolerance: int, disparity: DisparityMap, workers: Workers
 ) -> None:
-    """Left/right check of disparities ``(H, W)``, in place; see `check_and_refine`."""
+    """Left/right check of the disparities found, `best` (2, H, W): NaN where the views differ.
+
+    `disparity` (H, W) of the left view, at sub-pixel resolution, is changed in place. The views may
+    differ by `tolerance`, px.
+    """
     workers.rows(_check, disparity.shape[0], best[0], best[1], tolerance, disparity)
 
 
@@ -94,52 +79,9 @@ def _check(
 ) -> None:
     for y in range(start, stop):
         for x in range(best_left.shape[1]):
-            if not _agree(np.int32(best_left[y, x]), best_right[y], x, tolerance):
-                disparity[y, x] = np.nan
-
-
-@njit(nogil=True)
-def _check_and_refine(
-    start: int, stop: int, best_left: Any, best_right: Any, left: Any, right: Any,
-    tolerance: int, disparity: Any,
-) -> None:
-    width = best_left.shape[1]
-    for y in range(start, stop):
-        for x in range(width):
-            disparity[y, x] = np.nan
             d = np.int32(best_left[y, x])
-            if not _agree(d, best_right[y], x, tolerance):
-                continue
-            offset = 0.0
-            if BORDER < x - d < width - BORDER - 1:
-                i = (y * width + x) * BYTES
-                j = i - d * BYTES
-                offset = meeting_of_lines(
-                    absolute_difference(left, i, right, j + BYTES),
-                    absolute_difference(left, i, right, j),
-                    absolute_difference(left, i, right, j - BYTES),
-                )
-            disparity[y, x] = max(d + offset, 0.0)
-
-
-@njit(nogil=True, inline="always")
-def _agree(d: Any, best_right: Any, x: int, tolerance: int) -> bool:
-    """Whether a column of the left view is matched, and the right view's row agrees."""
-    return d >= 0 and abs(best_right[x - d] - d) <= tolerance
-
-
-@njit(nogil=True, inline="always")
-def meeting_of_lines(before: Any, at: Any, after: Any) -> float:
-    """Offset of the minimum between three equidistant costs, within 0.5.
-
-    It is where two lines of opposite slope through them meet: sums of absolute
-    differences fall and rise linearly, so that a parabola draws disparities to whole
-    pixels (Shimizu and Okutomi, ICCV 2001, doi:10.1109/ICCV.2001.937503).
-    """
-    slope = max(before, after) - at
-    if slope <= 0:
-        return 0.0
-    return min(max(0.5 * (before - after) / slope, -0.5), 0.5)
+            if d < 0 or abs(best_right[y, x - d] - d) > tolerance:
+                disparity[y, x] = np.nan
 
 
 @njit(nogil=True)

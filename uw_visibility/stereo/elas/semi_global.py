@@ -23,9 +23,8 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.arrays import Points
 from uw_visibility.stereo.contrast import ContrastNormalizer
-from uw_visibility.stereo.elas.dense import BORDER, plane_prior
+from uw_visibility.stereo.elas.dense import BORDER, meeting_of_lines, plane_prior
 from uw_visibility.stereo.elas.descriptors import MARGIN, Descriptors
-from uw_visibility.stereo.elas.postprocess import meeting_of_lines
 
 # Rows that one thread takes from top to bottom, and rows above them that its path from above
 # begins at: they are the same for any number of threads.
