@@ -1,16 +1,15 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Filling of disparity maps: gaps, the dominant plane, large areas."""
+"""Filling of disparity maps: gaps, large areas."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.stereo import interpolation
-from uw_visibility.stereo.interpolation import dominant_plane, fill_plane, inpaint
+from uw_visibility.stereo.interpolation import inpaint
 
 SHAPE = (40, 60)
 NEAR, FAR = 20.0, 8.0
@@ -71,55 +70,6 @@ def test_same_bits_for_any_number_of_threads() -> None:
     left = np.where(random.random(SHAPE) < 0.5, random.uniform(5, 30, SHAPE), np.nan)
     left = left.astype(np.float32)
     np.testing.assert_array_equal(fill_gaps(left, 40, 3), fill_gaps(left, 40, 1))
-
-
-def points_on_a_plane(count: int, outliers: int, noise: float = 0.0) -> np.ndarray:
-    random = np.random.default_rng(1)
-    x, y = random.uniform(0, 640, count), random.uniform(0, 480, count)
-    d = 10 + 0.03 * x + 0.08 * y + random.normal(0, noise, count)
-    d[:outliers] = random.uniform(0, 100, outliers)
-    return np.column_stack([x, y, d])
-
-
-@pytest.mark.parametrize("count", [3, 200, 5000])
-def test_plane_is_recovered_exactly(count: int) -> None:
-    plane = dominant_plane(points_on_a_plane(count, 0))
-    assert plane is not None
-    assert plane == pytest.approx([0.03, 0.08, 10])
-
-
-def test_plane_survives_more_outliers_than_inliers_and_is_repeatable() -> None:
-    points = points_on_a_plane(600, 380, noise=0.2)
-    plane = dominant_plane(points)
-    assert plane is not None
-    np.testing.assert_array_equal(plane, dominant_plane(points))
-    y, x = np.mgrid[:480, :640]
-    found = plane[0] * x + plane[1] * y + plane[2]
-    assert np.abs(found - (10 + 0.03 * x + 0.08 * y)).max() < 0.4
-
-
-@pytest.mark.parametrize(
-    "points",
-    [np.empty((0, 3)), np.ones((2, 3)), np.column_stack([np.arange(9.0)] * 3),
-     np.full((9, 3), np.nan)],
-)
-def test_no_plane_through_too_little(points: np.ndarray) -> None:
-    assert dominant_plane(points) is None
-
-
-def test_plane_fills_a_thin_mesh_up_to_the_horizon_and_leaves_a_good_one() -> None:
-    y, x = np.mgrid[:100, :80]
-    exact = (-4 + 0.2 * y + 0.01 * x).astype(np.float32)
-    mesh = np.full((100, 80), np.nan, np.float32)
-    mesh[60:90, 20:60] = exact[60:90, 20:60] + np.float32(0.5)
-    points = np.column_stack([x[60:, ::7].ravel(), y[60:, ::7].ravel(), exact[60:, ::7].ravel()])
-    filled = fill_plane(mesh, points)
-    np.testing.assert_array_equal(filled[60:90, 20:60], mesh[60:90, 20:60])
-    assert np.isnan(filled[exact <= -0.01]).all()
-    away = (exact > 0.01) & np.isnan(mesh)
-    np.testing.assert_allclose(filled[away], exact[away], atol=1e-3)
-    mesh[:60] = 1.0
-    np.testing.assert_array_equal(fill_plane(mesh, points), mesh)
 
 
 @settings(max_examples=60, deadline=None)

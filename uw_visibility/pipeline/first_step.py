@@ -25,7 +25,6 @@ from uw_visibility.pipeline.result import StageClock
 from uw_visibility.status import Status
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS, SupportPoints
-from uw_visibility.stereo.interpolation import fill_plane
 from uw_visibility.stereo.matchers import MATCHER, MATCHERS, disparity_limits
 from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.stereo.radiometry import right_gain
@@ -138,8 +137,7 @@ class FirstStep:
 
         def matte() -> DisparityMap:
             with clock("matting"):
-                # A thin mesh is helped by the dominant plane.
-                return refine(fill_plane(mesh, support.points), left.pixels, self._enhancement)
+                return refine(mesh, left.pixels, self._enhancement)
 
         def estimate() -> WaterEstimate:
             with clock("visibility estimation 1"):
