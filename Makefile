@@ -97,15 +97,16 @@ bench: venv
 rates: venv
 	@$(VENV)/bin/python -m benchmarks.node --table --seconds 30 --size $(or $(SIZE),640x480)
 
-# Random views, rendered reefs in adverse water, speed; what they print goes into build/figures.
+# Random views, the paper's experiments, speed; what they print goes into build/figures.
 figures: MEASURED := build/figures
 figures: SCENES := $(wildcard $(addprefix ../shared/data/middlebury/,art dolls moebius))
 figures: venv
 	mkdir -p $(MEASURED)
 	git log -1 --format='commit %h of %cs' > $(MEASURED)/version
 	test -d $(MEASURED)/pool || $(VENV)/bin/python -m uw_visibility_lab.worlds pool --count 60 --seed 7 -o $(MEASURED)/pool
-	$(VENV)/bin/uw_visibility judge --scenes $(MEASURED)/pool > $(MEASURED)/judge.txt
-	$(VENV)/bin/uw_visibility evaluate --adverse --force -o $(MEASURED)/adverse
+	rm -f $(MEASURED)/judged.csv $(MEASURED)/each.csv
+	$(VENV)/bin/uw_visibility judge --scenes $(MEASURED)/pool --estimator free plain sea-thru --csv $(MEASURED)/judged.csv > $(MEASURED)/judge.txt
+	$(VENV)/bin/uw_visibility judge --scenes $(MEASURED)/pool --each --csv $(MEASURED)/each.csv
 	$(VENV)/bin/uw_visibility evaluate --quick --force -o $(MEASURED)/experiments $(SCENES)
 	$(VENV)/bin/python -m benchmarks --small --json $(MEASURED)/bench.json
 	$(VENV)/bin/python tools/draw_pages figures $(MEASURED)

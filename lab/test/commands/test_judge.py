@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import csv
 from importlib import resources
 from pathlib import Path
 
@@ -16,12 +17,23 @@ from uw_visibility_lab.worlds.scenes import make_pool
 
 def test_the_table_has_its_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     make_pool(2, 1, tmp_path / "pool", size=(96, 128))
-    assert main(["judge", "--scenes", str(tmp_path / "pool"), "--cases", "2"]) == 0
+    out = tmp_path / "cases.csv"
+    assert main([
+        "judge", "--scenes", str(tmp_path / "pool"), "--cases", "2", "--estimator", "free",
+        "plain", "sea-thru", "--csv", str(out)]) == 0
     first, *rows = capsys.readouterr().out.splitlines()
     assert first.split()[:3] == ["cases", "n", "told"]
-    assert [row.rpartition(",")[0] for row in rows[:1]] == ["scenes"]
-    assert rows[0].split()[3] == "2" == rows[1].split()[3]
-    assert "told or not changes in" in rows[2]
+    assert [row[:24].strip() for row in rows] == [
+        "scenes, no effect", "plain", "sea-thru",
+        "scenes, all effects", "", "plain", "", "sea-thru", ""]
+    assert {row.split()[-14] for row in rows if row[:24].strip()} == {"2"}
+    assert "told or not changes in" in rows[4]
+    with out.open(encoding="utf-8") as file:
+        table = list(csv.DictReader(file))
+    assert [row["estimator"] for row in table[:4]] == ["free", "free", "plain", "plain"]
+    # The same views for each.
+    truths = [row["true.distance"] for row in table if row["cases"] == "scenes, no effect"]
+    assert len(set(truths)) == 2 and float(truths[0]) > 0.0
 
 
 @pytest.mark.parametrize(("arguments", "sentence"), [
@@ -34,6 +46,7 @@ def test_the_table_has_its_rows(tmp_path: Path, capsys: pytest.CaptureFixture[st
     (["--sea", "{}"], "no frames"),
     (["--sea", "{}", "--estimator", "{}/no.npz"], "no trained networks"),
     (["--sea", "{}", "--cases", "0"], "--cases"),
+    (["--sea", "{}", "--csv", "{}"], "exists already"),
 ])
 def test_what_cannot_be_judged_is_one_sentence(
     arguments: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

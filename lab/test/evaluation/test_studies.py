@@ -53,5 +53,28 @@ def test_what_is_not_assessed_is_counted_by_reason():
     assert math.isnan(nothing["mean_attenuation_worst"])
 
 
+def test_shares_and_ratio_are_of_all_cases():
+    truth, right = place(0.1, 0.01)
+    right = replace(right, distance_stddev=1.0)
+    found = statistics([
+        (truth, right),
+        # 5 σ of β; 4 σ of visibility, and half as long again.
+        (truth, replace(
+            right, attenuation=tuple(b - 0.1 for b in truth.attenuation),
+            attenuation_stddev=(0.02,) * 3, distance=1.5 * truth.distance,
+            distance_stddev=0.1 * truth.distance)),
+        # Within σ, yet a quarter too long.
+        (truth, replace(right, distance=1.25 * truth.distance, distance_stddev=4.0)),
+        (truth, Reading.refused("too dark")),
+    ])
+    assert found["refused"] == found["right"] == 0.25
+    assert found["beyond"] == {"attenuation": 0.25, "visibility": 0.25, "depth": 0.0}
+    assert found["beyond_any"] == 0.25
+    assert found["too_long"] == 0.5
+    assert found["ratio"] == pytest.approx(1.25)
+    assert found["attenuation_error"] == pytest.approx((0.01 + 0.10 + 0.01) / 3)
+    assert math.isfinite(found["depth_error"])
+
+
 def test_groups_are_in_the_order_of_their_first():
     assert grouped([3, 1, 2, 5, 4], lambda n: n % 2) == {1: [3, 1, 5], 0: [2, 4]}

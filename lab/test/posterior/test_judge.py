@@ -15,9 +15,12 @@ from uw_visibility_lab.posterior.judge import (
     WIDEST_INTERVAL,
     Answer,
     Case,
+    ask,
     describe,
     flips,
     judge,
+    plain,
+    sea_thru,
     table,
 )
 
@@ -90,6 +93,20 @@ def test_a_channel_that_is_not_told_does_not_count() -> None:
 
     row = judge(without_red, cases(20))
     assert row.error == row.distance_error == row.beyond == 0.0
+
+
+def test_published_fits_are_estimators_that_tell_their_own_water() -> None:
+    ranges = np.tile(np.linspace(1.0, 8.0, 240, dtype=np.float32), (160, 1))
+    beta, dark = np.array([0.6, 0.35, 0.3]), np.random.default_rng(2).random((160, 240)) < 0.1
+    light = np.exp(-beta * ranges[..., np.newaxis])
+    image = np.round(65535 * 0.9 * (1.0 - np.where(dark[..., np.newaxis], 1.0, 0.6) * light))
+    case = Case(
+        image.astype(np.uint16), ranges, 0.0, "linear", np.array([0.23, 0.07, 0.02]), beta)
+    for estimator in (plain, sea_thru):
+        judged = ask(estimator, case)
+        assert judged.answer.told
+        assert np.abs(judged.off).max() < 0.05 and abs(judged.far) < 0.05
+        assert judged.row()["distance"] == pytest.approx(judged.row()["true.distance"], rel=0.05)
 
 
 def test_flips_and_moves_of_a_nervous_estimator() -> None:

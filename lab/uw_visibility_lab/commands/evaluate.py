@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 MOST_JOBS = 256
 RESULT = "evaluation.json"
 # Those that earlier versions wrote are replaced as well.
-EARLIER = ("edges", "transect", "table1", "fig10", "noisy_cases", "noise")
-TABLES = ("cases", "conditions", "reliability", "adverse_cases", "adverse", "lamp_cases", "survey",
-          *EARLIER)
+EARLIER = ("adverse_cases", "adverse", "edges", "transect", "table1", "fig10", "noisy_cases",
+           "noise")
+TABLES = ("cases", "conditions", "reliability", "lamp_cases", "survey", *EARLIER)
 FIGURES = ("fig3_*", "fig5", "fig6", "fig7", "fig7_pictures", "fig9", "reliability", "lamps",
            "survey", *EARLIER)
 PRODUCTS = Products(
@@ -41,11 +41,6 @@ them with the truth, with OpenCV's matcher and histogram methods, and with the o
 which knows the water and the ranges.
 
 The water there is lit as the scene is, and parameter water.veil is paper unless it is set.
-
-With --adverse, it shows instead what the estimates of the water say where water and
-camera are not the model's: each effect, at some levels, is put on every scene, and
-counted is what was refused, and why, and what was published more than 3 σ wrong, beside
-the paper's plain fit and Sea-thru's.
 
 With --lamps, it renders reefs by night, lit by the vehicle's own lamps, and a survey that
 looks down at the floor, and shows what the pipeline says when it is told of the lamps, when it
@@ -70,11 +65,6 @@ written to DIR:
                     fig7_pictures.png the images
   fig9.png          histogram equalisation, CLAHE, ours, oracle (Fig. 9)
 
-with --adverse:
-  adverse_cases.csv each effect, level, scene and water: every estimate and its truth
-  adverse.csv       the same by effect, level and method: error, σ, refused, beyond 3 σ
-  evaluation.json   all of these, the settings, and the summary
-
 with --lamps:
   lamp_cases.csv    each reef, rig, surface and water: every estimate and its truth
   survey.csv        each frame of the survey: its estimate, and that with the frames before
@@ -85,10 +75,8 @@ with --lamps:
 
 An empty field, or null, is not assessable; the status beside it says why. A disparity
 is correct within 1 px (2 px for images wider than 1000 px), of all pixels whose truth
-is known. In water with a spectrum, a layer or a plume the true β is the effective one,
-whose e^(−βd) fits the transmission over the ranges in view best. All matchers search
-the same disparities: up to the scene's largest, unless stereo.max_disparity is set.
-The result does not depend on --jobs.
+is known. All matchers search the same disparities: up to the scene's largest, unless
+stereo.max_disparity is set. The result does not depend on --jobs.
 
 exit code: 0 done, 2 unusable input or options, 1 a failure inside"""
 
@@ -114,16 +102,10 @@ OPTIONS: Options = {
     "--params-file YAML": (
         None, "parameters of the pipeline, such as stereo.matcher and stereo.model for a network, "
         "in the form of config/uw_visibility.yaml", Path),
-    "adverse study": {
-        "--adverse": (False, "water and cameras that are not the model's"),
-        "--effects NAME ...": ([], "these effects only; an unknown name lists them", str),
-    },
     "study under lamps": {
         "--lamps": (False, "reefs and a survey by night"),
         "--frames N": (None, "frames of the survey, 0 for none (100)", int),
-    },
-    "both studies": {
-        "--seeds N": (None, "draws of noise (1); with --lamps also of reefs and poses (3)", int),
+        "--seeds N": (None, "draws of reefs, poses and noise (3)", int),
     },
 }
 
@@ -147,10 +129,7 @@ def run(arguments: argparse.Namespace) -> None:
     PRODUCTS.check_room(arguments.output, force=arguments.force)
     refuse_inputs(
         [*arguments.datasets, arguments.params_file], PRODUCTS.present(arguments.output))
-    if arguments.adverse and arguments.lamps:
-        raise InputError("--adverse and --lamps are two studies: give one of them")
-    study = _run_lamps if arguments.lamps else (
-        _run_adverse if arguments.adverse else _run_experiments)
+    study = _run_lamps if arguments.lamps else _run_experiments
     with sole_writer(arguments.output):
         write, text = study(
             arguments, lambda done, total: progress_bar(done, "evaluate", total))
@@ -190,28 +169,6 @@ def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Writt
         write_figures(folder, evaluation, arguments.format)
 
     return write, summary_text(summary)
-
-
-def _run_adverse(arguments: argparse.Namespace, progress: Progress) -> Written:
-    from uw_visibility_lab.evaluation.adverse import cases, report, scenes
-    from uw_visibility_lab.evaluation.parallel import run_cases
-    from uw_visibility_lab.evaluation.tables import told
-
-    config = read_config(arguments.params_file, {})
-    grid: dict[str, Any] = {
-        "attenuations": arguments.attenuation or cases.ATTENUATIONS,
-        "depths": arguments.depth or cases.DEPTHS,
-        "seeds": 1 if arguments.seeds is None else arguments.seeds}
-    results = run_cases(
-        cases.evaluate_adverse_case,
-        cases.adverse_cases(
-            scenes.find_adverse_scenes(arguments.datasets), arguments.effects, **grid),
-        config, arguments.jobs, progress)
-    summary = report.summarise_adverse(results)
-    settings = {**grid, "parameters": told(config)}
-    return (
-        lambda folder: report.write_adverse(folder, settings, results, summary),
-        report.adverse_text(summary))
 
 
 def _run_lamps(arguments: argparse.Namespace, progress: Progress) -> Written:

@@ -1,28 +1,29 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""`uw_visibility judge`: one table of how good an estimator of the water is, world by world."""
+"""`uw_visibility judge`: one table of how good estimators of the water are, world by world."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from uw_visibility.config.files import write_whole
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.replay.progress import progress_bar, say
 from uw_visibility_lab.commands.described import Options, add_described
 
 if TYPE_CHECKING:
-    from uw_visibility_lab.posterior.judge import Case, Estimator
+    from uw_visibility_lab.posterior.judge import Case, Estimator, Judged
     from uw_visibility_lab.posterior.pictures import Row
 
-HELP = "one table of how good an estimator of the water is, world by world"
+HELP = "one table of how good estimators of the water are, world by world"
 DESCRIPTION = """\
-Give an estimator of attenuation and visibility the same cases as every other one: random views of
-scenes with all effects together, with none, and with each alone; path-traced scenes; and what
+Give estimators of attenuation and visibility, ours and published ones, the same cases: random views
+of scenes with all effects together, with none, and with each alone; path-traced scenes; and what
 should change nothing: noise of one code, one row and column cut off, the mirrored frame. Frames of
 the sea have no truth: their distances, and those of their halves, are listed.
 
@@ -59,9 +60,11 @@ OPTIONS: Options = {
     "--sea FOLDER": (None, "frames of FLSea with their ranges", Path),
     "--pairs FOLDER": (
         None, "real pairs: left_*.png, right_*.png and calibration.json; with --pictures", Path),
-    "--estimator NAME": (
-        "free", "free or paper, for the package's with that water.veil; or a file that "
-        "`uw_visibility train` wrote"),
+    "--estimator NAME ...": (
+        ["free"], "free or paper, for the package's with that water.veil; plain, the paper's own "
+        "fit; sea-thru, the fit of the backscatter by Sea-thru; or a file that `uw_visibility "
+        "train` wrote"),
+    "--csv FILE": (None, "table to write: a row for each case and estimator", Path),
     "--cases N": (100, "views of each kind"),
     "--seed S": (0, "of the views"),
     "--each": (False, "a row for every effect alone, too"),
@@ -84,24 +87,42 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError("no scenes for lamps: give --scenes")
     if not (arguments.scenes or arguments.middlebury or arguments.traced or arguments.sea):
         raise InputError("nothing to judge by: give --scenes, --middlebury, --traced or --sea")
-    from uw_visibility_lab.posterior.judge import flips, judge, table
+    if arguments.csv is not None and arguments.csv.exists():
+        raise InputError(f"{arguments.csv} exists already: give another name")
+    from uw_visibility_lab.evaluation.tables import as_csv, flat
+    from uw_visibility_lab.posterior.judge import ask, flips, row_of, table
 
-    estimator = _estimator(arguments.estimator)
+    estimators = {name: _estimator(name) for name in arguments.estimator}
+    rows: list[dict[str, Any]] = []
     say(table([]))
-    for kind in _nights(arguments) if arguments.lamps else _kinds(arguments, estimator):
-        row = judge(kind.estimator, progress_bar(kind.cases(kind.number), kind.name, kind.number))
-        say(table([(kind.name, row)]).splitlines()[1])
-        if kind.disturbed:
-            changed, moved = flips(kind.estimator, list(kind.cases(max(kind.number // 4, 1))))
-            say(f"{'':24} told or not changes in {changed:.3f} of the frames that differ in "
-                f"nothing, ln d by {moved:.2f} σ")
+    for kind in _nights(arguments) if arguments.lamps else _kinds(arguments, estimators):
+        judged: dict[str, list[Judged]] = {name: [] for name in kind.estimators}
+        for case in progress_bar(kind.cases(kind.number), kind.name, kind.number):
+            for name, estimator in kind.estimators.items():
+                judged[name].append(ask(estimator, case))
+        for place, (name, estimator) in enumerate(kind.estimators.items()):
+            title = f"  {name}" if place else kind.name
+            say(table([(title, row_of(judged[name]))]).splitlines()[1])
+            if kind.disturbed:
+                changed, moved = flips(estimator, list(kind.cases(max(kind.number // 4, 1))))
+                say(f"{'':24} told or not changes in {changed:.3f} of the frames that differ in "
+                    f"nothing, ln d by {moved:.2f} σ")
+            rows += [
+                flat({"cases": kind.name, "estimator": name, **each.row()})
+                for each in judged[name]]
+    if arguments.csv is not None and rows:
+        write_whole(arguments.csv, as_csv(rows))
     if arguments.sea and not arguments.lamps:
-        _list_sea(estimator, arguments.sea)
+        for name, estimator in estimators.items():
+            _list_sea(name, estimator, arguments.sea)
 
 
 def _estimator(name: str) -> Estimator:
-    from uw_visibility_lab.posterior.judge import OnBoard
+    from uw_visibility_lab.posterior.judge import OnBoard, plain, sea_thru
 
+    published = {"plain": plain, "sea-thru": sea_thru}
+    if name in published:
+        return published[name]
     return OnBoard(name) if name in ("free", "paper") else OnBoard(weights=Path(name))
 
 
@@ -144,11 +165,13 @@ class _Kind(NamedTuple):
     name: str
     number: int
     cases: Callable[[int], Iterator[Case]]
-    estimator: Estimator
+    estimators: Mapping[str, Estimator]
     disturbed: bool = False
 
 
-def _kinds(arguments: argparse.Namespace, estimator: Estimator) -> Iterator[_Kind]:
+def _kinds(
+    arguments: argparse.Namespace, estimators: Mapping[str, Estimator]
+) -> Iterator[_Kind]:
     from uw_visibility_lab.posterior.cases import drawn, traced, traced_scenes
     from uw_visibility_lab.worlds.draw import EFFECTS, RANDOM
 
@@ -158,15 +181,16 @@ def _kinds(arguments: argparse.Namespace, estimator: Estimator) -> Iterator[_Kin
         if folder is None:
             continue
         views = partial(drawn, _scenes(name, folder), seed=seed)
-        yield _Kind(f"{name}, no effect", number, partial(views, effects=()), estimator)
-        yield _Kind(f"{name}, all effects", number, partial(views, effects=RANDOM), estimator, True)
+        yield _Kind(f"{name}, no effect", number, partial(views, effects=()), estimators)
+        yield _Kind(
+            f"{name}, all effects", number, partial(views, effects=RANDOM), estimators, True)
         for effect in EFFECTS if arguments.each else ():
             yield _Kind(
-                f"{name}, {effect}"[:24], number, partial(views, effects=(effect,)), estimator)
+                f"{name}, {effect}", number, partial(views, effects=(effect,)), estimators)
     if arguments.traced:
         yield _Kind(
             "traced", len(traced_scenes(arguments.traced)),
-            lambda first: islice(traced(arguments.traced, seed), first), estimator)
+            lambda first: islice(traced(arguments.traced, seed), first), estimators)
 
 
 # Exponent of reflectance over its median: scenes of a pool differ by a factor of two, sand and rock
@@ -186,11 +210,11 @@ def _nights(arguments: argparse.Namespace) -> Iterator[_Kind]:
         "lamps, no effect": {"effects": ()}, "lamps, random effects": {},
         "lamps, even ground": {"effects": (), "contrast": _OF_GROUND}}
     if arguments.each:
-        kinds |= {f"lamps, {effect}"[:24]: {"effects": (effect,)} for effect in EFFECTS}
+        kinds |= {f"lamps, {effect}": {"effects": (effect,)} for effect in EFFECTS}
     kinds |= {f"daylight {share:g} beside": {"daylight": share} for share in _DAYLIGHT}
     for name, what in kinds.items():
-        yield _Kind(name, arguments.cases, partial(frames, **what), under_lamps)
-    yield _Kind("told as daylight", arguments.cases, frames, OnBoard())
+        yield _Kind(name, arguments.cases, partial(frames, **what), {"lamps": under_lamps})
+    yield _Kind("told as daylight", arguments.cases, frames, {"free": OnBoard()})
 
 
 def _scenes(name: str, folder: Path) -> list:  # type: ignore[type-arg]
@@ -201,11 +225,11 @@ def _scenes(name: str, folder: Path) -> list:  # type: ignore[type-arg]
     return [middlebury(path) for path in sorted(folder.iterdir()) if path.is_dir()]
 
 
-def _list_sea(estimator: Estimator, folder: Path) -> None:
+def _list_sea(name: str, estimator: Estimator, folder: Path) -> None:
     from uw_visibility_lab.posterior.cases import halves, sea
     from uw_visibility_lab.posterior.judge import describe
 
-    say("frames of the sea: visibility, m, with its 16 and 84 %")
+    say(f"frames of the sea, {name}: visibility, m, with its 16 and 84 %")
     for case in sea(folder):
         for part in (case, *halves(case)):
             say(f"  {part.name:12} {describe(estimator(part))}")

@@ -37,8 +37,6 @@ class SceneSource:
 
     folder: Path | None = None  # folder of a Middlebury-like scene
     seed: int = 0  # seed of the rendered scene, where there is no folder
-    # whether the rendered scene shows open water; of the adverse study's alone
-    open_water: bool = False
 
     def load(self) -> Scene:
         """Load or render the scene; the last one is kept."""

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Results and statistics of cases, for the experiments, the adverse study and that under lamps."""
+"""Results and statistics of cases, for the experiments and the study under lamps."""
 
 from __future__ import annotations
 

@@ -32,6 +32,7 @@ from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.lamps.estimation import LampEstimator
 from uw_visibility.water.meaning.assessment import Assessor
+from uw_visibility_lab.evaluation.fits import fit_backscatter, fit_plain
 
 # A distance that is longer than the true one by this factor is too long, and so for too short.
 FACTOR = 1.2
@@ -108,36 +109,85 @@ class Row:
     milliseconds: float  # median time
 
 
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """An estimator's answer to a case, beside the truth."""
+
+    scene: str  # the case's name
+    answer: Answer
+    attenuation: Array  # (3,); true β, 1/m
+    milliseconds: float  # that the estimator took
+
+    @property
+    def off(self) -> Array:
+        """(3,): errors of ln β, NaN where not told."""
+        return np.asarray(self.answer.log_attenuation - np.log(self.attenuation))
+
+    @property
+    def clearest(self) -> float:
+        """True β of the channel that sees farthest, of those that are told if any is."""
+        told = np.isfinite(self.answer.log_attenuation)
+        return float(self.attenuation[told | ~told.any()].min())
+
+    @property
+    def far(self) -> float:
+        """Error of ln distance; NaN where not told."""
+        return self.answer.log_distance + math.log(self.clearest)
+
+    @property
+    def beyond(self) -> bool:
+        """Whether β of any channel or the distance is beyond 3 deviations."""
+        errors = np.append(self.off, self.far)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scores = errors / np.append(self.answer.stddev, self.answer.distance_stddev)
+        return bool((np.abs(scores) > 3.0).any())
+
+    def row(self) -> dict[str, Any]:
+        """Return the answer as a row of a table; β in 1/m, distances in m, σ of logarithms."""
+        answer, metres = self.answer, visibility_distance(1.0, CONTRAST)
+        return {
+            "scene": self.scene, "status": answer.status, "told": answer.told,
+            "beyond": self.beyond,
+            "true.attenuation": tuple(self.attenuation), "true.distance": metres / self.clearest,
+            "attenuation": tuple(np.exp(answer.log_attenuation)),
+            "attenuation_stddev": tuple(answer.stddev),
+            "distance": metres * math.exp(answer.log_distance),
+            "distance_stddev": answer.distance_stddev}
+
+
+def ask(estimator: Estimator, case: Case) -> Judged:
+    """Give an estimator a case whose truth is known."""
+    assert case.attenuation is not None
+    begun = time.perf_counter()
+    answer = estimator(case)
+    return Judged(case.name, answer, case.attenuation, (time.perf_counter() - begun) * 1e3)
+
+
 def judge(estimator: Estimator, cases: Iterable[Case]) -> Row:
     """Judge an estimator by cases whose truth is known."""
-    answers, truths, times = [], [], []
-    for case in cases:
-        assert case.attenuation is not None
-        begun = time.perf_counter()
-        answers.append(estimator(case))
-        times.append((time.perf_counter() - begun) * 1e3)
-        truths.append(np.log(case.attenuation))
-    told = np.array([answer.told for answer in answers], bool)
-    if not told.any():
+    return row_of([ask(estimator, case) for case in cases])
+
+
+def row_of(judged: Sequence[Judged]) -> Row:
+    """Return the table's row of an estimator's answers to cases of one kind."""
+    cases, milliseconds = len(judged), float(np.median([each.milliseconds for each in judged]))
+    told = [each for each in judged if each.answer.told]
+    if not told:
         nothing = (math.nan,) * 3
-        return Row(len(answers), 0.0, *nothing, nothing, *(math.nan,) * 5, float(np.median(times)))
-    off = np.array([a.log_attenuation - t for a, t in zip(answers, truths, strict=True)])[told]
-    stddev = np.array([answer.stddev for answer in answers])[told]
-    far = np.array([
-        answer.log_distance + min(truth[np.isfinite(answer.log_attenuation)], default=math.nan)
-        for answer, truth in zip(answers, truths, strict=True)])[told]
-    width = np.array([answer.distance_stddev for answer in answers])[told]
+        return Row(cases, 0.0, *nothing, nothing, *(math.nan,) * 5, milliseconds)
+    off = np.array([each.off for each in told])
+    far = np.array([each.far for each in told])
+    width = np.array([each.answer.distance_stddev for each in told])
     scores = far / width
-    with np.errstate(invalid="ignore"):
-        beyond = (np.abs(off / stddev) > 3.0).any(axis=1) | (np.abs(scores) > 3.0)
     return Row(
-        cases=len(answers), told=float(told.mean()),
+        cases=cases, told=len(told) / cases,
         error=_rms(off[np.isfinite(off)]), distance_error=_rms(far), score=_rms(scores),
         within=tuple(float((np.abs(scores) <= k).mean()) for k in (1, 2, 3)),  # type: ignore[arg-type]
-        beyond=float(beyond.mean()), too_long=float((far > math.log(FACTOR)).mean()),
+        beyond=float(np.mean([each.beyond for each in told])),
+        too_long=float((far > math.log(FACTOR)).mean()),
         too_short=float((far < -math.log(FACTOR)).mean()),
         low_above=float((scores > 1.0).mean()), crps=float(_crps(far, width).mean()),
-        milliseconds=float(np.median(times)))
+        milliseconds=milliseconds)
 
 
 def flips(estimator: Estimator, cases: Sequence[Case]) -> tuple[float, float]:
@@ -180,10 +230,10 @@ def table(rows: Sequence[tuple[str, Row]]) -> str:
     for name, row in rows:
         one, two, three = row.within
         lines.append(
-            f"{name:24} {row.cases:5d} {row.told:5.2f} {row.error:5.2f} {row.distance_error:5.2f} "
-            f"{row.score:5.2f} {one:4.2f} {two:4.2f} {three:4.2f} {row.beyond:5.3f} "
-            f"{row.too_long:5.2f} {row.too_short:5.2f} {row.low_above:4.2f} {row.crps:5.2f} "
-            f"{row.milliseconds:6.1f}")
+            f"{name[:24]:24} {row.cases:5d} {row.told:5.2f} {row.error:5.2f} "
+            f"{row.distance_error:5.2f} {row.score:5.2f} {one:4.2f} {two:4.2f} {three:4.2f} "
+            f"{row.beyond:5.3f} {row.too_long:5.2f} {row.too_short:5.2f} {row.low_above:4.2f} "
+            f"{row.crps:5.2f} {row.milliseconds:6.1f}")
     return "\n".join(lines)
 
 
@@ -225,6 +275,16 @@ class OnBoard:
             self._config, case.clear_water, case.transfer, self._daylight, self._network)
         found = estimator.estimate(case.image, case.ranges, range_error=case.range_error)
         return answer_of(found)
+
+
+def plain(case: Case) -> Answer:
+    """Estimate the water of a case by the paper's own fit."""
+    return answer_of(fit_plain(case.image, case.ranges, case.clear_water, case.transfer))
+
+
+def sea_thru(case: Case) -> Answer:
+    """Estimate the water of a case by Sea-thru's fit of the backscatter."""
+    return answer_of(fit_backscatter(case.image, case.ranges, case.transfer))
 
 
 def under_lamps(case: LampCase) -> Answer:

@@ -98,7 +98,6 @@ def test_an_exposure_is_one_for_all_frames() -> None:
 
 
 @pytest.mark.parametrize(("options", "what"), [
-    (["--adverse"], "two studies"),
     (["--frames", "3"], "survey"),
     (["--seeds", "0"], "seeds"),
     (["--attenuation", "-1"], "attenuations"),
