@@ -34,7 +34,7 @@ WORKERS = 4
 NODE_FIXTURES = {"start_node", "make_client"}
 # What renders whole studies, or damages much: for `make studies`; `make test` leaves them out.
 LONG = {
-    "lab/test/evaluation/lamps/test_study.py", "lab/test/evaluation/test_experiments.py",
+    "lab/test/evaluation/test_experiments.py", "lab/test/evaluation/test_survey_report.py",
     "lab/test/tracer/test_scene.py",
     "test/faults/test_fuzz.py", "test/faults/test_results.py", "test/faults/test_soak.py",
     "test/pipeline/test_tracking.py",

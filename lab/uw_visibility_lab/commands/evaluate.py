@@ -23,10 +23,10 @@ MOST_JOBS = 256
 RESULT = "evaluation.json"
 # Those that earlier versions wrote are replaced as well.
 EARLIER = ("adverse_cases", "adverse", "edges", "transect", "table1", "fig10", "noisy_cases",
-           "noise")
-TABLES = ("cases", "conditions", "reliability", "lamp_cases", "survey", *EARLIER)
-FIGURES = ("fig3_*", "fig5", "fig6", "fig7", "fig7_pictures", "fig9", "reliability", "lamps",
-           "survey", *EARLIER)
+           "noise", "lamp_cases", "lamps")
+TABLES = ("cases", "conditions", "reliability", "survey", *EARLIER)
+FIGURES = ("fig3_*", "fig5", "fig6", "fig7", "fig7_pictures", "fig9", "reliability", "survey",
+           *EARLIER)
 PRODUCTS = Products(
     RESULT, (
         *(f"{name}.csv" for name in TABLES),
@@ -42,9 +42,9 @@ which knows the water and the ranges.
 
 The water there is lit as the scene is, and parameter water.veil is paper unless it is set.
 
-With --lamps, it renders reefs by night, lit by the vehicle's own lamps, and a survey that
-looks down at the floor, and shows what the pipeline says when it is told of the lamps, when it
-is told of lamps that are off by 5 cm and 5°, and when it is told of daylight.
+With --lamps, it renders a survey by night instead, lit by the vehicle's own lamps, that looks
+down at the floor, and shows what the pipeline says of the water, frame by frame and with the
+frames before, and how alike the same ground is over the frames.
 
 A DATASET is a scene or a folder of scenes of the Middlebury 2005 or 2006 form: view1
 and view5 (images), disp1.png and, where there is one, disp5.png. Without a DATASET,
@@ -66,12 +66,9 @@ written to DIR:
   fig9.png          histogram equalisation, CLAHE, ours, oracle (Fig. 9)
 
 with --lamps:
-  lamp_cases.csv    each reef, rig, surface and water: every estimate and its truth
   survey.csv        each frame of the survey: its estimate, and that with the frames before
-  lamps.png         visibility over its truth; frames right and refused
   survey.png        frames by method, and attenuation over the frames
   evaluation.json   all of these, the settings, and the summary
-  Surfaces are Lambertian, or face every lamp, as the light model has them.
 
 An empty field, or null, is not assessable; the status beside it says why. A disparity
 is correct within 1 px (2 px for images wider than 1000 px), of all pixels whose truth
@@ -102,10 +99,9 @@ OPTIONS: Options = {
     "--params-file YAML": (
         None, "parameters of the pipeline, such as stereo.matcher and stereo.model for a network, "
         "in the form of config/uw_visibility.yaml", Path),
-    "study under lamps": {
-        "--lamps": (False, "reefs and a survey by night"),
-        "--frames N": (None, "frames of the survey, 0 for none (100)", int),
-        "--seeds N": (None, "draws of reefs, poses and noise (3)", int),
+    "survey under lamps": {
+        "--lamps": (False, "a survey by night"),
+        "--frames N": (None, "frames of the survey (100)", int),
     },
 }
 
@@ -129,7 +125,7 @@ def run(arguments: argparse.Namespace) -> None:
     PRODUCTS.check_room(arguments.output, force=arguments.force)
     refuse_inputs(
         [*arguments.datasets, arguments.params_file], PRODUCTS.present(arguments.output))
-    study = _run_lamps if arguments.lamps else _run_experiments
+    study = _run_survey if arguments.lamps else _run_experiments
     with sole_writer(arguments.output):
         write, text = study(
             arguments, lambda done, total: progress_bar(done, "evaluate", total))
@@ -171,38 +167,21 @@ def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Writt
     return write, summary_text(summary)
 
 
-def _run_lamps(arguments: argparse.Namespace, progress: Progress) -> Written:
+def _run_survey(arguments: argparse.Namespace, progress: Progress) -> Written:
     if arguments.datasets:
-        raise InputError("--lamps renders its own scenes: leave out the DATASET")
-    from uw_visibility_lab.evaluation.lamps import cases, figures, report, survey
-    from uw_visibility_lab.evaluation.parallel import run_cases
-    from uw_visibility_lab.evaluation.tables import told
+        raise InputError("--lamps renders its own ground: leave out the DATASET")
+    from uw_visibility_lab.evaluation import survey, survey_report
 
-    quick, frames, seeds = arguments.quick, arguments.frames, arguments.seeds
-    if frames is None:
-        frames = QUICK_SURVEY if quick else report.FRAMES
-    if seeds is None:
-        seeds = 1 if quick else report.SEEDS
-    if frames:
-        check_range("number of frames of the survey", frames, survey.FEWEST_FRAMES, 10_000)
+    frames = QUICK_SURVEY if arguments.quick else survey.FRAMES
+    if arguments.frames is not None:
+        frames = arguments.frames
+    check_range("number of frames of the survey", frames, survey.FEWEST_FRAMES, 10_000)
     config = read_config(arguments.params_file, {})
-    grid: dict[str, Any] = {
-        "attenuations": arguments.attenuation or (
-            QUICK_ATTENUATIONS[1:] if quick else report.ATTENUATIONS),
-        "surfaces": cases.SURFACES[:1] if quick else cases.SURFACES, "seeds": seeds}
-    results = run_cases(
-        cases.evaluate_lamp_case, report.lamp_cases(**grid), config, arguments.jobs, progress)
-    surveyed = survey.run_survey(frames, config, arguments.jobs, progress) if frames else None
-    summary = report.summarise_lamps(results, surveyed)
-    settings = {**grid, "parameters": told(config)}
-
-    def write(folder: Path) -> None:
-        report.write_lamps(folder, settings, results, surveyed, summary)
-        figures.draw_visibility(folder / "lamps.png", results, summary)
-        if surveyed is not None:
-            figures.draw_survey(folder / "survey.png", surveyed)
-
-    return write, report.lamps_text(summary)
+    found = survey.run_survey(frames, config, arguments.jobs, progress)
+    summary = survey_report.summarise_survey(found)
+    return (
+        lambda folder: survey_report.write_survey(folder, config, found, summary),
+        survey_report.survey_text(summary))
 
 
 def read_config(path: Path | None, defaults: dict[str, Any]) -> PipelineConfig:

@@ -10,7 +10,7 @@ coefficient of 0 - 0.3 1/m" (section III).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from uw_visibility.errors import check_range
 from uw_visibility_lab.evaluation.cases import Case, CaseResult, evaluate_case
 from uw_visibility_lab.evaluation.degrade import QUIET, sensor_of
 from uw_visibility_lab.evaluation.metrics import reliability_rows
-from uw_visibility_lab.evaluation.parallel import Progress, run_cases
+from uw_visibility_lab.evaluation.parallel import Progress, run_all, threads_each
 from uw_visibility_lab.evaluation.scenes import SceneSource
 from uw_visibility_lab.evaluation.studies import grouped
 from uw_visibility_lab.simulation.camera import NOISELESS
@@ -108,4 +108,5 @@ def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: it
     """Run the cases of a plan; the result is the same for any number of jobs."""
     for scene in plan.scenes:
         scene.load()
-    return Evaluation(plan, run_cases(evaluate_case, plan.cases(), plan.config, jobs, progress))
+    config = replace(plan.config, threads=threads_each(jobs))
+    return Evaluation(plan, run_all(evaluate_case, plan.cases(), (config,), jobs, progress))

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from itertools import repeat
 from typing import Any
 
@@ -13,7 +12,6 @@ import cv2
 
 from uw_visibility.compute.processes import process_pool
 from uw_visibility.compute.threads import number_of_threads
-from uw_visibility.config.schema import PipelineConfig
 
 Progress = Callable[[Iterator[Any], int], Iterator[Any]]
 """Takes an iterator over what is done and its length, and yields from it."""
@@ -33,24 +31,10 @@ def run_all(
     each = [pieces, *(repeat(argument) for argument in arguments)]
     if jobs == 1:
         return list(progress(map(function, *each), len(pieces)))
-    with process_pool(jobs, cv2.setNumThreads, _threads_each(jobs)) as pool:
+    with process_pool(jobs, cv2.setNumThreads, threads_each(jobs)) as pool:
         return list(progress(pool.map(function, *each), len(pieces)))
 
 
-def run_cases(
-    function: Callable[..., Any],
-    cases: Sequence[Any],
-    config: PipelineConfig,
-    jobs: int,
-    progress: Progress,
-) -> list[Any]:
-    """Apply a function of a case and the pipeline's parameters; see `run_all`.
-
-    The pipelines of all processes together have the threads that there are.
-    """
-    config = replace(config, threads=_threads_each(jobs))
-    return run_all(function, cases, (config,), jobs, progress)
-
-
-def _threads_each(jobs: int) -> int:
+def threads_each(jobs: int) -> int:
+    """Return the threads of each of so many processes, which together have those there are."""
     return max(1, number_of_threads(0) // jobs)

@@ -1,13 +1,12 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Results and statistics of cases, for the experiments and the study under lamps."""
+"""Statistics of cases, for the experiments and the survey under lamps."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -44,20 +43,6 @@ LEGEND = (
 Summary = dict[str, Any]
 Item = TypeVar("Item")
 Key = TypeVar("Key", bound=Hashable)
-
-
-@dataclass(frozen=True)
-class StudyResult:
-    """Results of a case."""
-
-    labels: dict[str, Any]  # what it was, by columns of the table
-    # the water; where β is not one number, the one that is effective over the ranges in view
-    truth: Truth
-    readings: dict[str, Reading]  # what estimates say of it, by their names in tables
-
-    def row(self) -> dict[str, Any]:
-        """Return the case as a row of a table."""
-        return flat({**self.labels, "true": self.truth, **self.readings})
 
 
 def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
@@ -112,7 +97,7 @@ def statistics(pairs: Sequence[tuple[Truth, Reading]]) -> Summary:
     }
 
 
-def by_estimate(results: Sequence[StudyResult] | Sequence[CaseResult]) -> dict[str, Summary]:
+def by_estimate(results: Sequence[CaseResult]) -> dict[str, Summary]:
     """Return statistics of cases by the names of their readings; empty without any."""
     names = results[0].readings if results else {}
     return {name: statistics([(r.truth, r.readings[name]) for r in results]) for name in names}

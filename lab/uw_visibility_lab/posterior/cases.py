@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.config.schema import CameraConfig, PipelineConfig
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Array
 from uw_visibility.images.files import read_image
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.stereo.rig import StereoRig
-from uw_visibility_lab.evaluation.lamps.cases import clear_water
 from uw_visibility_lab.posterior.judge import Case, LampCase
 from uw_visibility_lab.tracer.files import TRUTH
 from uw_visibility_lab.tracer.files import load as load_traced
@@ -62,8 +63,8 @@ def traced(folder: Path, seed: int = 0) -> Iterator[Case]:
         noise = np.random.default_rng((seed, index)).normal(0.0, 1.0, scene.image.shape)
         codes = np.clip(np.rint(scene.image * 255.0 + noise), 0, 255).astype(np.uint8)
         yield Case(
-            codes, scene.ranges.astype(np.float32), 0.0, "linear", clear_water(PipelineConfig()),
-            scene.attenuation, place.name)
+            codes, scene.ranges.astype(np.float32), 0.0, "linear", clear_water(), scene.attenuation,
+            place.name)
 
 
 def traced_scenes(folder: Path) -> list[Path]:
@@ -91,7 +92,7 @@ def sea(folder: Path) -> Iterator[Case]:
             raise InputError(f"the depth of {path} has colours: give Z in mm")
         yield Case(
             image, _along_the_ray(z.astype(np.float32) / 1000.0), 0.0, "linear",
-            clear_water(PipelineConfig()), None, path.stem)
+            clear_water(), None, path.stem)
 
 
 def halves(case: Case) -> tuple[Case, Case]:
@@ -103,6 +104,11 @@ def halves(case: Case) -> tuple[Case, Case]:
             ranges=np.ascontiguousarray(case.ranges[:, columns]), name=f"{case.name} {name}")
         for name, columns in (("left", np.s_[:middle]), ("right", np.s_[middle:])))
     return left, right
+
+
+def clear_water() -> Array:
+    """Clear water's attenuation as the default camera sees it, 1/m, RGB."""
+    return clear_water_attenuation(load_response(CameraConfig().response))
 
 
 def _along_the_ray(z: NDArray[np.float32]) -> NDArray[np.float32]:

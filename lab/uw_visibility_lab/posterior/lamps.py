@@ -27,14 +27,19 @@ from uw_visibility.images.arrays import Array
 from uw_visibility.water.estimate import ONE_SIGMA
 from uw_visibility.water.lamps.nodes import Nodes
 from uw_visibility.water.lamps.posterior import FITTED, Fitted, infer
-from uw_visibility_lab.evaluation.lamps.cases import CAMERA, clear_water, render_reef
-from uw_visibility_lab.posterior.cases import by_lamps
+from uw_visibility_lab.posterior.cases import by_lamps, clear_water
 from uw_visibility_lab.posterior.judge import LampCase, estimate_by_lamps
+from uw_visibility_lab.simulation.camera import Pose, StereoCamera
+from uw_visibility_lab.simulation.frame import Renderer
 from uw_visibility_lab.simulation.lamps import Lighting, default_rig, lighting_parameters
+from uw_visibility_lab.simulation.scene import reef
+from uw_visibility_lab.simulation.water import Water
 from uw_visibility_lab.worlds.scenes import load_scene
 from uw_visibility_lab.worlds.scenes import pool as scenes_of
 
 CASES = 80
+# Of the reefs. No daylight is left in that depth, m, so that none is missing in the frames.
+CAMERA, DEPTH = StereoCamera(480, 360, 450.0, 0.12), 40.0
 # Seeds of nights, and of reefs that no study shows.
 SEED, REEFS = 11, 1000
 # Exponent of reflectance over its median: ground as even as sand and rock.
@@ -60,14 +65,26 @@ def reefs(number: int) -> Iterator[LampCase]:
         rng = np.random.default_rng((SEED, index))
         lamps = default_rig(2 if index % 2 else 4)
         seed = REEFS + index
-        frame = render_reef(
-            seed, Lighting(lamps, daylight=False, shaded=index % 4 < 2),
-            math.exp(rng.uniform(math.log(0.05), math.log(0.4))), Workers())
+        lighting = Lighting(lamps, daylight=False, shaded=index % 4 < 2)
+        water = Water(math.exp(rng.uniform(math.log(0.05), math.log(0.4))), DEPTH)
+        frame = Renderer(CAMERA, workers=Workers(), lighting=lighting).render(
+            reef(seed, length=1.0), pose_of(seed), water, seed=seed)
         config = PipelineConfig.from_parameters(lighting_parameters(lamps, daylight=False))
         yield LampCase(
             frame.left, CAMERA.rig.range_from_disparity(frame.disparity_left), 0.0,
-            config.camera.transfer, clear_water(config), frame.attenuation, f"reef {seed}",
+            config.camera.transfer, clear_water(), frame.attenuation, f"reef {seed}",
             config.lighting, CAMERA.rig.focal_length)
+
+
+def pose_of(seed: int) -> Pose:
+    """Draw a view ahead over a reef, tilted down by 8 to 30 degrees."""
+    random = np.random.default_rng([seed, 5])
+    return Pose(
+        (random.uniform(0.0, 1.0), 0.0, random.uniform(1.2, 1.9)),
+        heading=random.uniform(-0.3, 0.3),
+        tilt=np.radians(random.uniform(8.0, 30.0)),
+        roll=np.radians(random.uniform(-3.0, 3.0)),
+    )
 
 
 def observe(case: LampCase) -> Night | None:

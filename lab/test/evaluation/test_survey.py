@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from uw_visibility_lab.evaluation.lamps.survey import pose_of, variation
+from uw_visibility_lab.evaluation.survey import pose_of, variation
 
 
 def test_variation_is_what_light_makes_of_the_same_reflectance() -> None:

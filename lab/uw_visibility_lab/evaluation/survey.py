@@ -18,11 +18,11 @@ import numpy as np
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.arrays import Array, Map
+from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.optics.transfer import to_linear
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.water.series.filter import WaterFilter
-from uw_visibility_lab.evaluation.lamps.cases import DEPTH, clear_water
 from uw_visibility_lab.evaluation.metrics import colour_difference
 from uw_visibility_lab.evaluation.parallel import Progress, run_all
 from uw_visibility_lab.evaluation.readings import Reading, Truth
@@ -43,7 +43,7 @@ PERIOD = 17.0
 """Frames in which it rises and sinks once: not a part of a line, so that ground is seen from
 several altitudes at the same place of the image, and at several places from the same one."""
 
-FEWEST_FRAMES = 5
+FRAMES, FEWEST_FRAMES = 100, 5
 
 PICTURES = {
     "raw": "as recorded",
@@ -65,6 +65,9 @@ DARK = 0.05
 """Reflectance below which a piece is not counted: its relative variation says little."""
 
 LAMPS = 2
+DEPTH = 40.0
+"""Depth of the camera, m: no daylight is left there, so that none is missing in the frames."""
+
 MEAN_ATTENUATION = 0.15
 """Attenuation by grey particles, 1/m."""
 
@@ -149,7 +152,8 @@ def run_survey(
     scaled = {name: at_best_exposure(some, truth) for name, some in images.items()}
     return SurveyResult(
         Truth.of_water(
-            frames[0].attenuation, np.zeros(3), clear_water(config), DEPTH,
+            frames[0].attenuation, np.zeros(3),
+            clear_water_attenuation(load_response(config.camera.response)), DEPTH,
             config.assessment.contrast),
         single,
         pooled,
