@@ -56,11 +56,10 @@ def test_its_disparities_are_none_and_its_colours_unknown(refused):
 def test_the_summary_counts_it(refused):
     summary = summarise(refused)
     water = summary["water"]["pipeline"]
-    assert (water["cases"], water["refused"], water["refused_depth"]) == (1, 1.0, 1.0)
-    assert math.isnan(water["mean_attenuation_error"])
-    assert water["reasons"] == {refused.cases[0].refusal: 1}
+    assert (water.cases, water.told) == (1, 0.0)
+    assert math.isnan(summary["mean_attenuation_error"]["pipeline"])
     assert math.isnan(summary["colour_difference"]["final"])
-    text = summary_text(summary)
+    text = summary_text(refused, summary)
     assert f"{READINGS['pipeline']}: pair refused" in text
 
 

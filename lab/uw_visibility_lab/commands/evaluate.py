@@ -70,6 +70,7 @@ with --lamps:
   survey.png        frames by method, and attenuation over the frames
   evaluation.json   all of these, the settings, and the summary
 
+Columns of estimates are those of `uw_visibility judge --help`.
 An empty field, or null, is not assessable; the status beside it says why. A disparity
 is correct within 1 px (2 px for images wider than 1000 px), of all pixels whose truth
 is known. All matchers search the same disparities: up to the scene's largest, unless
@@ -164,7 +165,7 @@ def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Writt
         write_evaluation(folder, evaluation, summary)
         write_figures(folder, evaluation, arguments.format)
 
-    return write, summary_text(summary)
+    return write, summary_text(evaluation, summary)
 
 
 def _run_survey(arguments: argparse.Namespace, progress: Progress) -> Written:
@@ -181,7 +182,7 @@ def _run_survey(arguments: argparse.Namespace, progress: Progress) -> Written:
     summary = survey_report.summarise_survey(found)
     return (
         lambda folder: survey_report.write_survey(folder, config, found, summary),
-        survey_report.survey_text(summary))
+        survey_report.survey_text(found, summary))
 
 
 def read_config(path: Path | None, defaults: dict[str, Any]) -> PipelineConfig:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -17,8 +17,8 @@ from uw_visibility.replay.progress import progress_bar, say
 from uw_visibility_lab.commands.described import Options, add_described
 
 if TYPE_CHECKING:
-    from uw_visibility_lab.posterior.judge import Case, Estimator, Judged
-    from uw_visibility_lab.posterior.pictures import Row
+    from uw_visibility_lab.evaluation.judging import Judged
+    from uw_visibility_lab.posterior.judge import Case, Estimator
 
 HELP = "one table of how good estimators of the water are, world by world"
 DESCRIPTION = """\
@@ -89,20 +89,20 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError("nothing to judge by: give --scenes, --middlebury, --traced or --sea")
     if arguments.csv is not None and arguments.csv.exists():
         raise InputError(f"{arguments.csv} exists already: give another name")
+    from uw_visibility_lab.evaluation.judging import HEAD, line_of, row_of
     from uw_visibility_lab.evaluation.tables import as_csv, flat
-    from uw_visibility_lab.posterior.judge import ask, flips, row_of, table
+    from uw_visibility_lab.posterior.judge import ask, flips
 
     estimators = {name: _estimator(name) for name in arguments.estimator}
     rows: list[dict[str, Any]] = []
-    say(table([]))
+    say(HEAD)
     for kind in _nights(arguments) if arguments.lamps else _kinds(arguments, estimators):
         judged: dict[str, list[Judged]] = {name: [] for name in kind.estimators}
         for case in progress_bar(kind.cases(kind.number), kind.name, kind.number):
             for name, estimator in kind.estimators.items():
                 judged[name].append(ask(estimator, case))
         for place, (name, estimator) in enumerate(kind.estimators.items()):
-            title = f"  {name}" if place else kind.name
-            say(table([(title, row_of(judged[name]))]).splitlines()[1])
+            say(line_of(f"  {name}" if place else kind.name, row_of(judged[name])))
             if kind.disturbed:
                 changed, moved = flips(estimator, list(kind.cases(max(kind.number // 4, 1))))
                 say(f"{'':24} told or not changes in {changed:.3f} of the frames that differ in "
@@ -131,29 +131,24 @@ def _judge_pictures(arguments: argparse.Namespace) -> None:
         raise InputError("no pictures to judge: give --pairs or --traced")
     from uw_visibility.config.schema import PipelineConfig
     from uw_visibility_lab.posterior.pictures import (
+        HEAD,
         compare,
+        line_of,
         real_pairs,
         summary,
-        table,
         traced_pairs,
     )
 
-    say(table([]))
+    say(HEAD)
     for folder, pairs in ((arguments.pairs, real_pairs), (arguments.traced, traced_pairs)):
         every = []
         for pair in pairs(folder) if folder else ():
             rows = compare(pair, PipelineConfig(), arguments.seed)
-            _say_rows(pair.name, rows)
+            for row in rows:
+                say(line_of(pair.name, row))
             every += rows
-        if every:
-            _say_rows(f"all {folder.name}"[:16], summary(every))
-
-
-def _say_rows(name: str, rows: Sequence[Row]) -> None:
-    from uw_visibility_lab.posterior.pictures import table
-
-    for line in table([(name, row) for row in rows]).splitlines()[1:]:
-        say(line)
+        for row in summary(every):
+            say(line_of(f"all {folder.name}", row))
 
 
 class _Kind(NamedTuple):

@@ -21,31 +21,34 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Array, DisparityMap, Image8, Map
+from uw_visibility.images.arrays import Array, DisparityMap, Image8, Map, RangeMap
 from uw_visibility.images.view import StereoViews, View
-from uw_visibility.optics.light_model import contrast_gain, radiance_of
+from uw_visibility.optics.light_model import ambient_light_at_depth, contrast_gain, radiance_of
 from uw_visibility.optics.transfer import from_linear, to_linear
 from uw_visibility.pipeline.first_step import CoarseEstimate
+from uw_visibility.pipeline.parts import estimate_water
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import StageClock
 from uw_visibility.pipeline.second_step import SecondStep
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.meaning.assessment import Assessor
 from uw_visibility.water.observations import Envelopes
 from uw_visibility_lab.evaluation import baselines, metrics
 from uw_visibility_lab.evaluation.degrade import QUIET, fill_from_background, sensor_of
-from uw_visibility_lab.evaluation.readings import Reading, Truth, read_exact, reader_of
+from uw_visibility_lab.evaluation.fits import fit_plain
+from uw_visibility_lab.evaluation.readings import Reading, Truth
 from uw_visibility_lab.evaluation.scenes import SceneSource, search_limit, tolerance
 from uw_visibility_lab.evaluation.tables import flat
 
 READINGS = {
-    "step1": "ours after step 1, ranges of the pipeline",
-    "pipeline": "ours, ranges of the pipeline",
+    "step1": "ours after step 1",
+    "pipeline": "ours",
     "exact": "ours, exact ranges",
-    "paper_pipeline": "plain method, ranges of the pipeline",
-    "paper_exact": "plain method, exact ranges",
+    "paper_pipeline": "plain fit",
+    "paper_exact": "plain fit, exact ranges",
 }
-"""Estimates of the water, by their names in tables; the plain method is the paper's own fit."""
+"""Estimates of the water, by their names in tables; the plain fit is the paper's own."""
 
 MATCHES = {
     "sgbm": "SGBM, raw pair",
@@ -135,12 +138,12 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
 
     Where `stereo.max_disparity` is 0, all matchers search up to the scene's `search_limit`.
     """
-    scene, pipeline = case.source.load(), _pipeline(case.source, config)
-    config, reader = pipeline.config, reader_of(pipeline.config)
-    kappa = reader.assessor.clear_water_attenuation
-    truth = Truth.of_clear_water_and_particles(
-        case.mean_attenuation, case.depth, kappa, config.assessment.contrast
-    )
+    scene, (pipeline, assessor) = case.source.load(), _prepared(case.source, config)
+    config, kappa = pipeline.config, assessor.clear_water_attenuation
+    beta = kappa + case.mean_attenuation
+    truth = Truth.of_water(
+        beta, ambient_light_at_depth(beta, case.depth), kappa, case.depth,
+        config.assessment.contrast)
     left, right = scene.degraded(
         case.mean_attenuation, case.depth, kappa, sensor_of(case.noise))
     filled = [fill_from_background(d) for d in (scene.disparity_left, scene.disparity_right)]
@@ -164,10 +167,17 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
         "oracle_ours": match_with_truth(left, right, filled[0], truth, pipeline),
     }
     exact_range = scene.rig.range_from_disparity(scene.disparity_left)
+
+    def read(water: WaterEstimate) -> Reading:
+        return Reading.of(water, assessor.assess(water))
+
+    def read_plain(ranges: RangeMap) -> Reading:
+        return read(fit_plain(left, ranges, kappa, config.camera.transfer))
+
+    exact = estimate_water(
+        left, scene.disparity_left, scene.rig, config, disparity_stddev=0.0)
     readings = {
-        "exact": read_exact(left, scene.disparity_left, scene.rig, config),
-        "paper_exact": reader.fit_plain(left, exact_range),
-    }
+        "exact": Reading.of(exact.water, exact.visibility), "paper_exact": read_plain(exact_range)}
     refusal = result = None
     try:
         result = pipeline.process(left, right, match_original=True)
@@ -181,10 +191,9 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
         images["final"] = result.left_enhanced
         assert result.stereo.original is not None
         disparities |= {"ours_raw": result.stereo.original, "ours": result.disparity}
-        readings["step1"] = reader.read(result.coarse_water)
-        readings["pipeline"] = Reading.of_result(result)
-        readings["paper_pipeline"] = reader.fit_plain(
-            left, scene.rig.range_from_disparity(result.disparity))
+        readings["step1"] = read(result.coarse_water)
+        readings["pipeline"] = Reading.of(result.water, result.visibility)
+        readings["paper_pipeline"] = read_plain(scene.rig.range_from_disparity(result.disparity))
     known = scene.disparity_left, tolerance(scene)
     return CaseResult(
         scene=scene.name,
@@ -213,12 +222,13 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
 
 
 @lru_cache(maxsize=1)
-def _pipeline(source: SceneSource, config: PipelineConfig) -> Pipeline:
-    """Return the pipeline that serves all cases of a scene."""
+def _prepared(source: SceneSource, config: PipelineConfig) -> tuple[Pipeline, Assessor]:
+    """Return the pipeline that serves all cases of a scene, and what assesses other estimates."""
     scene = source.load()
     largest = config.stereo.max_disparity or search_limit(scene) - 1
     stereo = replace(config.stereo, max_disparity=largest)
-    return Pipeline(scene.rig, replace(config, stereo=stereo))
+    config = replace(config, stereo=stereo)
+    return Pipeline(scene.rig, config), Assessor(config)
 
 
 def _thumbnail(image: Image8) -> Image8:

@@ -21,7 +21,7 @@ from uw_visibility_lab.evaluation.degrade import QUIET, sensor_of
 from uw_visibility_lab.evaluation.metrics import reliability_rows
 from uw_visibility_lab.evaluation.parallel import Progress, run_all, threads_each
 from uw_visibility_lab.evaluation.scenes import SceneSource
-from uw_visibility_lab.evaluation.studies import grouped
+from uw_visibility_lab.evaluation.tables import grouped
 from uw_visibility_lab.simulation.camera import NOISELESS
 
 ATTENUATIONS = (0.0, 0.1, 0.2, 0.3)

@@ -4,24 +4,21 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.images.arrays import Array, DisparityMap, Image8, RangeMap
-from uw_visibility.optics.light_model import ambient_light_at_depth, visibility_distance
-from uw_visibility.pipeline.parts import WaterResult, estimate_water
-from uw_visibility.pipeline.result import FrameResult
+from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.status import Status
-from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimate import WaterEstimate
-from uw_visibility.water.meaning.assessment import Assessor, Visibility
-from uw_visibility.water.series.filter import FilteredWater
-from uw_visibility_lab.evaluation.fits import fit_plain
+from uw_visibility.water.meaning.assessment import Visibility
+from uw_visibility_lab.evaluation.judging import Answer, Judged
 
+OK = str(Status.OK)
 Triple = tuple[float, float, float]
 
 
@@ -45,15 +42,6 @@ class Truth:
         return cls(
             float(np.mean(beta - np.asarray(clear_water_attenuation))), depth, triple(beta),
             triple(ambient_light), visibility_distance(float(beta.min()), contrast))
-
-    @classmethod
-    def of_clear_water_and_particles(
-        cls, mean_attenuation: float, depth: float, clear_water_attenuation: Array, contrast: float,
-    ) -> Truth:
-        """Water as `degrade` makes it: β = κ + α, and T·I0 = 1 (eq. 2 and 3)."""
-        beta = clear_water_attenuation + mean_attenuation
-        ambient = ambient_light_at_depth(beta, depth)
-        return cls.of_water(beta, ambient, clear_water_attenuation, depth, contrast)
 
 
 @dataclass(frozen=True)
@@ -89,11 +77,6 @@ class Reading:
         )
 
     @classmethod
-    def of_result(cls, result: FrameResult | WaterResult | FilteredWater) -> Reading:
-        """Reading of a result's water and visibility."""
-        return cls.of(result.water, result.visibility)
-
-    @classmethod
     def refused(cls, reason: str) -> Reading:
         """Reading in which nothing was assessed, with the reason."""
         visibility = Visibility(Status.NO_TEXTURE, Status.NO_TEXTURE)
@@ -102,32 +85,24 @@ class Reading:
         return cls(**{**vars(reading), **statuses})
 
 
-class Reader:
-    """Reader of estimates of the water, and of the paper's own."""
-
-    def __init__(self, config: PipelineConfig) -> None:
-        self._config = config
-        self.assessor = Assessor(config)
-
-    def read(self, estimate: WaterEstimate) -> Reading:
-        """Return an estimate with its assessment."""
-        return Reading.of(estimate, self.assessor.assess(estimate))
-
-    def fit_plain(self, image: Image8, ranges: RangeMap) -> Reading:
-        """Fit the water as the paper does, by ranges in m."""
-        return self.read(fit_plain(
-            image, ranges, self.assessor.clear_water_attenuation, self._config.camera.transfer))
+def judged(truth: Truth, reading: Reading) -> Judged:
+    """Return a reading beside its truth, as the table of estimators has it."""
+    attenuation = np.array(reading.attenuation)
+    # Visibility of water that takes 1/m, at the contrast of both.
+    metres = truth.distance * min(truth.attenuation)
+    return Judged("", Answer(
+        reading.distance_status, np.log(attenuation), reading.attenuation_stddev / attenuation,
+        math.log(reading.distance / metres), reading.distance_stddev / reading.distance,
+    ), np.array(truth.attenuation), math.nan)
 
 
-reader_of = lru_cache(maxsize=8)(Reader)
-
-
-def read_exact(
-    image: Image8, disparity: DisparityMap, rig: StereoRig, config: PipelineConfig
-) -> Reading:
-    """Estimate the water from an image and its true disparities, px."""
-    return Reading.of_result(
-        estimate_water(image, disparity, rig, config, disparity_stddev=0.0))
+def reasons_text(title: str, readings: Iterable[Reading]) -> list[str]:
+    """Tell why a distance was refused how often, in one line; none where none was."""
+    counts = Counter(each.distance_status for each in readings)
+    # The advice after a reason is in the tables.
+    told = "; ".join(
+        f"{reason.split(' (')[0]}: {n}" for reason, n in counts.most_common() if reason != OK)
+    return [f"  {title}: {told}"] if told else []
 
 
 def triple(values: ArrayLike) -> Triple:

@@ -4,44 +4,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from uw_visibility_lab.evaluation.cases import IMAGES, MATCHES, READINGS, CaseResult
 from uw_visibility_lab.evaluation.degrade import title_of
 from uw_visibility_lab.evaluation.experiments import Evaluation
-from uw_visibility_lab.evaluation.studies import (
-    LEGEND,
-    Summary,
-    by_estimate,
+from uw_visibility_lab.evaluation.judging import HEAD, line_of, row_of
+from uw_visibility_lab.evaluation.readings import judged, reasons_text
+from uw_visibility_lab.evaluation.tables import (
+    as_text,
+    flat,
     grouped,
-    mean,
-    reasons_text,
-    statistics_text,
+    number,
+    told,
+    write_report,
 )
-from uw_visibility_lab.evaluation.tables import as_text, flat, number, told, write_report
 
-SHORT_MATCHES = ("SGBM", "CLAHE+", "oracle+", "ours raw", "ours", "true w.")
-SHORT_IMAGES = ("input", "hist.", "CLAHE", "step 1", "final", "oracle")
-SHORT_READINGS = ("step 1", "ours", "exact", "plain", "plain, exact")
+Summary = dict[str, Any]
 # The paper's Fig. 6 has 0.92 and 0.72 unmatched at most by a conventional matcher, 0.23 by its own.
 SHARES = ("matched", "correct", "wrong")
 """Of all pixels, of those with known truth, and of the matched ones with known truth."""
 
 CONDITIONS = (
-    ("|α̂ − α|, 1/m", "mean_attenuation_error", SHORT_READINGS, 4),
-    ("matched pixels", "matched", SHORT_MATCHES, 3),
-    ("correct disparities", "correct", SHORT_MATCHES, 3),
-    ("wrong among matched", "wrong", SHORT_MATCHES, 3),
-    ("ΔE*ab", "colour_difference", SHORT_IMAGES, 1),
+    ("|α̂ − α|, 1/m", "mean_attenuation_error", 4),
+    ("|ẑ − z|, m", "depth_error", 2),
+    ("matched pixels", "matched", 3),
+    ("correct disparities", "correct", 3),
+    ("wrong among matched", "wrong", 3),
+    ("ΔE*ab", "colour_difference", 1),
 )
-"""Tables of each water and noise: title, what of `means`, headings, decimals."""
+"""Tables of each water and noise: title, what of `means`, decimals."""
 
 
 def summarise(evaluation: Evaluation) -> Summary:
     """Reduce an evaluation to its summary; all but ``conditions`` is of cases without noise.
 
-    Returns: ``water``: `statistics` by the names of `READINGS`; `means` over all cases, and
+    Returns: ``water``: `judging.Row` by the names of `READINGS`; `means` over all cases, and
         ``conditions``: for each noise and water.
     """
     cases = evaluation.quiet
@@ -51,7 +54,9 @@ def summarise(evaluation: Evaluation) -> Summary:
     return {
         "cases": len(cases),
         "scenes": list(dict.fromkeys(case.scene for case in cases)),
-        "water": by_estimate(cases),
+        "water": {
+            name: row_of([judged(c.truth, c.readings[name]) for c in cases])
+            for name in READINGS},
         **means(cases),
         "conditions": [
             {"noise": noise, "mean_attenuation": attenuation, "depth": depth, **means(same)}
@@ -60,18 +65,23 @@ def summarise(evaluation: Evaluation) -> Summary:
 
 
 def means(cases: Sequence[CaseResult]) -> Summary:
-    """Return the mean error of α, and those of disparities and colours, by their names."""
-    return {
-        "mean_attenuation_error": {
+    """Return the mean errors of α and depth, of disparities and colours, by their names."""
+    errors = {
+        f"{what}_error": {
             name: mean(
-                abs(c.readings[name].mean_attenuation - c.truth.mean_attenuation) for c in cases)
-            for name in READINGS
-        },
-        **{
-            kind: {name: mean(getattr(case, kind)[name] for case in cases) for name in names}
-            for kind, names in (*((share, MATCHES) for share in SHARES),
-                                ("colour_difference", IMAGES))},
-    }
+                abs(getattr(c.readings[name], what) - getattr(c.truth, what)) for c in cases)
+            for name in READINGS}
+        for what in ("mean_attenuation", "depth")}
+    return errors | {
+        kind: {name: mean(getattr(case, kind)[name] for case in cases) for name in names}
+        for kind, names in (
+            *((share, MATCHES) for share in SHARES), ("colour_difference", IMAGES))}
+
+
+def mean(values: Iterable[float]) -> float:
+    """Return the mean of those that are known; NaN of none."""
+    known = [value for value in values if math.isfinite(value)]
+    return float(np.mean(known)) if known else math.nan
 
 
 def write_evaluation(folder: Path, evaluation: Evaluation, summary: Summary) -> None:
@@ -97,24 +107,19 @@ def write_evaluation(folder: Path, evaluation: Evaluation, summary: Summary) -> 
         {"settings": settings, "summary": summary, **in_json})
 
 
-def summary_text(summary: Summary) -> str:
+def summary_text(evaluation: Evaluation, summary: Summary) -> str:
     """Return the summary as tables for a terminal."""
-    water = [(READINGS[name], found) for name, found in summary["water"].items()]
     conditions = [
         (f"α {each['mean_attenuation']:.3g} 1/m, z {each['depth']:g} m, "
          f"{title_of(each['noise'])}", each) for each in summary["conditions"]]
+    conditions.append(("all without noise", summary))
     return "\n\n".join([
-        f"{summary['cases']} cases: {', '.join(summary['scenes'])}\n{LEGEND}",
+        f"{summary['cases']} cases: {', '.join(summary['scenes'])}",
         "\n".join([
-            statistics_text("estimates of the water", water),
-            *(line for title, found in water for line in reasons_text(found, title))]),
-        as_text(["disparity, mean share of pixels", *SHARES], [
-            [title, *(number(summary[share][name], 3) for share in SHARES)]
-            for name, title in MATCHES.items()]),
-        as_text(["colour difference to the scene in air", "ΔE*ab"], [
-            [title, number(summary["colour_difference"][name], 2)]
-            for name, title in IMAGES.items()]),
-        *(as_text([title, *short], [
+            HEAD, *(line_of(READINGS[name], row) for name, row in summary["water"].items()),
+            *(line for name, title in READINGS.items() for line in reasons_text(
+                title, (case.readings[name] for case in evaluation.quiet)))]),
+        *(as_text([title, *summary[kind]], [
             [words, *(number(value, digits) for value in each[kind].values())]
-            for words, each in conditions]) for title, kind, short, digits in CONDITIONS),
+            for words, each in conditions]) for title, kind, digits in CONDITIONS),
     ])

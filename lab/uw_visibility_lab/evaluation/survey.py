@@ -181,9 +181,10 @@ def _process(
 
     for index, frame in progress(iter(enumerate(frames)), len(frames)):
         result = see(frame, "online")
-        single.append(Reading.of_result(result))
+        single.append(Reading.of(result.water, result.visibility))
         filtered = water_filter.update(result.water, float(index))
-        pooled.append(single[-1] if filtered is None else Reading.of_result(filtered))
+        pooled.append(single[-1] if filtered is None else Reading.of(
+            filtered.water, filtered.visibility))
     # As for a mosaic: with the light of all frames.
     for _, frame in progress(iter(enumerate(frames)), len(frames)):
         see(frame, "ours")

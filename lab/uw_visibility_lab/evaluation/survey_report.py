@@ -13,14 +13,9 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.optics.transfer import from_linear
 from uw_visibility_lab.evaluation import survey as surveys
 from uw_visibility_lab.evaluation.figures import style
-from uw_visibility_lab.evaluation.studies import (
-    LEGEND,
-    OK,
-    Summary,
-    reasons_text,
-    statistics,
-    statistics_text,
-)
+from uw_visibility_lab.evaluation.judging import HEAD, line_of, row_of
+from uw_visibility_lab.evaluation.readings import OK, judged, reasons_text
+from uw_visibility_lab.evaluation.report import Summary
 from uw_visibility_lab.evaluation.survey import PICTURES, SurveyResult
 from uw_visibility_lab.evaluation.tables import CHANNELS, as_text, flat, number, told, write_report
 
@@ -36,8 +31,8 @@ def summarise_survey(survey: SurveyResult) -> Summary:
     first = next((k + 1 for k, each in enumerate(survey.pooled) if each.status == OK), None)
     return {
         "frames": len(survey.pooled),
-        "single": statistics([(truth, reading) for reading in survey.single]),
-        "pooled": statistics([(truth, reading) for reading in survey.pooled]),
+        "single": row_of([judged(truth, reading) for reading in survey.single]),
+        "pooled": row_of([judged(truth, reading) for reading in survey.pooled]),
         "first_assessed": first,
         "last_status": last.status,
         "attenuation": dict(zip(CHANNELS, truth.attenuation, strict=True)),
@@ -50,19 +45,20 @@ def summarise_survey(survey: SurveyResult) -> Summary:
     }
 
 
-def survey_text(survey: Summary) -> str:
+def survey_text(survey: SurveyResult, summary: Summary) -> str:
     """Return the summary as tables for a terminal."""
     errors = ", ".join(
-        f"{name} {100 * error:+.0f} %" for name, error in survey["attenuation_error"].items())
+        f"{name} {100 * error:+.0f} %" for name, error in summary["attenuation_error"].items())
     return "\n".join([
-        f"survey of {survey['frames']} frames by night\n{LEGEND}\n",
-        statistics_text("water", [
-            ("each frame alone", survey["single"]), ("with those before it", survey["pooled"])]),
-        *reasons_text(survey["pooled"]),
-        f"  error of β at the end: {errors} ({survey['last_status']})",
+        f"survey of {summary['frames']} frames by night\n",
+        HEAD,
+        line_of("each frame alone", summary["single"]),
+        line_of("with those before it", summary["pooled"]),
+        *reasons_text("refused", survey.pooled),
+        f"  error of β at the end: {errors} ({summary['last_status']})",
         as_text(["same reflectance over frames, σ/median [%]", "R", "G", "B", "ΔE*ab"], [
-            [title, *(number(100.0 * survey["variation"][name][c], 1) for c in CHANNELS),
-             number(survey["colour_difference"][name], 1)]
+            [title, *(number(100.0 * summary["variation"][name][c], 1) for c in CHANNELS),
+             number(summary["colour_difference"][name], 1)]
             for name, title in PICTURES.items()]),
     ])
 

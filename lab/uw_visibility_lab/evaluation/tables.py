@@ -8,19 +8,29 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import is_dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import cell
 
 CHANNELS = ("red", "green", "blue")
 Row = Mapping[str, Any]
+Item = TypeVar("Item")
+Key = TypeVar("Key", bound=Hashable)
 
 UNKNOWN = "–"
+
+
+def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
+    """Return items by a key of each, in the order of its first."""
+    groups: dict[Key, list[Item]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
 
 
 def flat(values: Row, prefix: str = "") -> dict[str, Any]:
@@ -74,18 +84,15 @@ def number(value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if math.isfinite(value) else UNKNOWN
 
 
-def percent(share: float) -> str:
-    """Return a share in percent."""
-    return number(100 * share, 0)
-
-
 def told(config: PipelineConfig) -> dict[str, Any]:
     """Return the parameters of a study's pipeline, without threads: they change no result."""
     return {name: value for name, value in config.to_parameters().items() if name != "threads"}
 
 
 def _plain(value: Any) -> Any:
-    """Return nested values in JSON's types; what is not finite becomes null."""
+    """Return nested values in JSON's types, records as objects; what is not finite is null."""
+    if is_dataclass(value):
+        value = vars(value)
     if isinstance(value, Mapping):
         return {str(name): _plain(item) for name, item in value.items()}
     if isinstance(value, (list, tuple)):

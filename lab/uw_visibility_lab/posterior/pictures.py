@@ -7,7 +7,7 @@ Real pairs have no truth; traced views have, and a right image that is warped fr
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -200,15 +200,15 @@ def summary(rows: Sequence[Row]) -> list[Row]:
         for method in methods for of_it in [[row for row in rows if row.method == method]]]
 
 
-def table(rows: Iterable[tuple[str, Row]]) -> str:
-    """Return the rows as text, steps as their quantile `QUANTILE`."""
-    lines = [f"{'picture':16} {'method':10} {'step':>5} {'8 px':>5} {'noise':>5} {'ΔE':>5} "
-             f"{'flicker':>7}"]
-    for name, row in rows:
-        steps, wide = (
-            np.quantile(values, QUANTILE) if values.size else float("nan")
-            for values in (row.steps, row.wide_steps))
-        lines.append(
-            f"{name:16} {row.method:10} {steps:5.1f} {wide:5.1f} {row.noise:5.2f} "
-            f"{row.colour:5.1f} {row.flicker:7.2f}")
-    return "\n".join(lines)
+HEAD = (
+    f"{'picture':16} {'method':10} {'step':>5} {'8 px':>5} {'noise':>5} {'ΔE':>5} {'flicker':>7}")
+
+
+def line_of(name: str, row: Row) -> str:
+    """Return a row as a line below `HEAD`, steps as their quantile `QUANTILE`."""
+    steps, wide = (
+        np.quantile(values, QUANTILE) if values.size else float("nan")
+        for values in (row.steps, row.wide_steps))
+    return (
+        f"{name[:16]:16} {row.method:10} {steps:5.1f} {wide:5.1f} {row.noise:5.2f} "
+        f"{row.colour:5.1f} {row.flicker:7.2f}")

@@ -19,8 +19,7 @@ from uw_visibility_lab.evaluation.cases import IMAGES, MATCHES, CaseResult, Pict
 from uw_visibility_lab.evaluation.experiments import Evaluation
 from uw_visibility_lab.evaluation.figures import curves
 from uw_visibility_lab.evaluation.figures.style import CHANNEL_COLOURS, DISPARITY_COLOURS, save
-from uw_visibility_lab.evaluation.studies import grouped
-from uw_visibility_lab.evaluation.tables import CHANNELS
+from uw_visibility_lab.evaluation.tables import CHANNELS, grouped
 
 SHOWN = ("degraded", "histogram", "clahe", "final", "oracle")
 WIDTH = 2.9
