@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.errors import InputError
+from uw_visibility_lab.simulation.camera import StereoCamera
 from uw_visibility_lab.tracer.files import (
     exposure,
     load,
@@ -36,7 +37,7 @@ def scene(tmp_path: Path) -> Path:
     arrays = {"image": image, "raw": image, "raw_black": black, "black": black, "surface": surface,
               "ranges": ranges, "reflectance": reflectance}
     write_view(tmp_path, "left", arrays)
-    write_truth(tmp_path, truth_of(description, 100.0, 1.0, 16, arrays))
+    write_truth(tmp_path, truth_of(description, StereoCamera(120, 90, 100.0), 1.0, 16, arrays))
     return tmp_path
 
 

@@ -12,6 +12,10 @@ import pytest
 from scipy.integrate import trapezoid
 
 from uw_visibility.errors import InputError
+from uw_visibility_lab.simulation.camera import Pose
+from uw_visibility_lab.simulation.frame import Renderer
+from uw_visibility_lab.simulation.raycast import on_floor
+from uw_visibility_lab.simulation.scene import reef
 from uw_visibility_lab.tracer.files import load
 from uw_visibility_lab.tracer.render import (
     Geometry,
@@ -20,7 +24,7 @@ from uw_visibility_lab.tracer.render import (
     veil_guide,
     without_gaps,
 )
-from uw_visibility_lab.tracer.scene import draw_scene
+from uw_visibility_lab.tracer.scene import BASELINE, camera_of, draw_scene
 
 
 def test_the_table_of_a_phase_function_integrates_to_one_and_keeps_the_mean_cosine() -> None:
@@ -85,14 +89,16 @@ def test_black_surfaces_leave_no_light_where_nothing_scatters(tracer) -> None:
     assert tracer.radiance(4, black=True).max() < 1e-6
 
 
-def test_ranges_of_the_floor_are_those_of_a_camera_above_it(tracer) -> None:
-    geometry = tracer.geometry(4)
-    assert geometry.ranges.shape == (24, 32)
-    # The lowest row looks 40 + 23° down from 1.8 m.
-    lowest = np.nanmedian(geometry.ranges[-1])
-    assert 0.7 * 1.8 / np.sin(np.radians(63.0)) < lowest < 1.3 * 1.8 / np.sin(np.radians(63.0))
-    known = np.isfinite(geometry.ranges)
-    assert (geometry.reflectance[known] > 0.0).mean() > 0.99
+def test_ranges_are_those_of_the_ray_caster_over_the_same_reef(tracer) -> None:
+    geometry, scene = tracer.geometry(4), reef(2, 0.0, boulders=0.25, corals=0.0)
+    above = 1.8 + on_floor(scene, scene.heights, 0.0, 0.0)
+    cast = Renderer(camera_of(32, 24)).look(
+        scene, camera_of(32, 24), Pose((0.0, 0.0, above), tilt=np.radians(40.0)), 0.0).view.range
+    off = np.abs(geometry.ranges / cast - 1.0)
+    assert np.median(off) < 0.002
+    # Others have an edge within.
+    assert np.quantile(off, 0.9) < 0.03
+    assert (geometry.reflectance > 0.0).mean() > 0.99
 
 
 def test_the_right_camera_sees_the_left_ones_points_shifted() -> None:
@@ -101,8 +107,7 @@ def test_the_right_camera_sees_the_left_ones_points_shifted() -> None:
 
     description = draw_scene(6, "boulders")
     left, right = (Tracer(description, 64, 48, view, threads=1) for view in ("left", "right"))
-    across = right._origin() - left._origin()
-    assert across == pytest.approx([0.0, -description.baseline, 0.0])
+    assert right._eye - left._eye == pytest.approx([0.0, -BASELINE, 0.0])
     assert np.nanmedian(left._ranges()) == pytest.approx(np.nanmedian(right._ranges()), rel=0.1)
 
 

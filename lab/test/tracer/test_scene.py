@@ -14,7 +14,7 @@ from uw_visibility_lab.tracer.scene import (
     KINDS,
     draw_scene,
     draw_water,
-    shapes_of,
+    ground_of,
 )
 
 
@@ -38,16 +38,16 @@ def test_a_scene_is_its_seeds_and_leaves_the_camera_room(kind: str) -> None:
     first, again, other = draw_scene(7, kind), draw_scene(7, kind), draw_scene(8, kind)
     assert first == again
     assert first.water != other.water
-    shapes = shapes_of(first)
-    np.testing.assert_array_equal(shapes[-1].vertices, shapes_of(again)[-1].vertices)
+    ground = ground_of(first)
+    np.testing.assert_array_equal(ground.vertices, ground_of(again).vertices)
     camera = np.array([0.0, 0.0, first.altitude])
-    for shape in shapes:
-        assert np.isfinite(shape.vertices).all()
-        assert shape.faces.max() < len(shape.vertices)
-        assert shape.reflectance.shape == (len(shape.vertices), 3)
-        assert np.linalg.norm(shape.vertices - camera, axis=1).min() > 0.5
-        # All is below the surface.
-        assert shape.vertices[:, 2].max() < first.altitude + first.depth
+    assert np.isfinite(ground.vertices).all()
+    assert ground.faces.max() < len(ground.vertices)
+    assert ground.reflectance.shape == (len(ground.vertices), 3)
+    assert 0.0 <= ground.reflectance.min() < ground.reflectance.max() < 1.0
+    assert np.linalg.norm(ground.vertices - camera, axis=1).min() > 0.5
+    # All is below the surface.
+    assert ground.vertices[:, 2].max() < first.altitude + first.depth
 
 
 def test_lamps_take_the_place_of_daylight() -> None:

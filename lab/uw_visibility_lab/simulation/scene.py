@@ -60,10 +60,15 @@ _CORALS = (
 )
 
 
-def reef(seed: int = 0, length: float = 10.0, view: float = 30.0) -> Scene:
+def reef(
+    seed: int = 0, length: float = 10.0, view: float = 30.0, *, boulders: float = 0.11,
+    corals: float = 0.28,
+) -> Scene:
     """Make a reef: sand and rock with boulders and corals along a transect.
 
     It leads from x = 0 over a length in m; things stand up to `view` m beyond its end.
+
+    boulders, corals: of a square metre.
     """
     lattice = noise_lattice(seed)
     origin = (-2.0, -0.6 * view)
@@ -71,9 +76,9 @@ def reef(seed: int = 0, length: float = 10.0, view: float = 30.0) -> Scene:
     heights = _terrain(lattice, origin, extent)
     things = _Things(np.random.default_rng(seed), heights, origin, extent)
     area = extent[0] * extent[1]
-    for _ in range(int(0.11 * area)):
+    for _ in range(int(boulders * area)):
         things.add_boulder()
-    for _ in range(int(0.28 * area)):
+    for _ in range(int(corals * area)):
         things.add_coral()
     # The start of a long way speaks for all of it.
     slopes = np.hypot(*np.gradient(heights[:, :1000], SPACING))

@@ -16,6 +16,7 @@ from uw_visibility.errors import refusing
 from uw_visibility.images.arrays import Array
 from uw_visibility.images.files import read_image, write_png
 from uw_visibility.optics.transfer import from_linear
+from uw_visibility_lab.simulation.camera import StereoCamera
 from uw_visibility_lab.tracer.scene import Description
 from uw_visibility_lab.tracer.truth import fit_decay, open_water, scene_light, transmissions
 
@@ -56,12 +57,11 @@ def exposure(image: Array) -> float:
 
 
 def truth_of(
-    description: Description, focal_length: float, gain: float, samples: int,
+    description: Description, camera: StereoCamera, gain: float, samples: int,
     arrays: dict[str, Array],
 ) -> dict[str, Any]:
     """Return what is true of a traced view, as JSON has it.
 
-    focal_length: px.
     gain: image over radiance.
     samples: paths for each pixel and channel of the image.
     Returns in units of the image, 1/m and m.
@@ -74,8 +74,8 @@ def truth_of(
     seen = ranges[np.isfinite(ranges)]
     return {
         "description": asdict(description),
-        "focal_length": focal_length,
-        "baseline": description.baseline,
+        "focal_length": camera.focal_length,
+        "baseline": camera.baseline,
         "samples": samples,
         "gain": gain,
         "absorption": list(water.absorption),

@@ -17,8 +17,13 @@ from uw_visibility.images.arrays import Array, Image
 from uw_visibility_lab.simulation.phase_functions import HENYEY_GREENSTEIN, fournier_forand
 from uw_visibility_lab.tracer import engine
 from uw_visibility_lab.tracer.files import TRUTH, exposure, truth_of, write_truth, write_view
-from uw_visibility_lab.tracer.scene import Description, shapes_of
-from uw_visibility_lab.tracer.shapes import Shape
+from uw_visibility_lab.tracer.scene import (
+    BASELINE,
+    FIELD_OF_VIEW,
+    Description,
+    camera_of,
+    ground_of,
+)
 
 MOST_SCATTERED = 64
 """Events of a path. Paths end at random from `ROULETTE` events on, without bias."""
@@ -50,11 +55,6 @@ class Geometry:
     normals: Array  # (H, W, 3); mean over the pixel
 
 
-def focal_length(description: Description, width: int) -> float:
-    """Return the focal length in pixels of an image of a width."""
-    return width / (2.0 * math.tan(math.radians(description.field_of_view) / 2.0))
-
-
 class Tracer:
     """A described scene as Mitsuba holds it, for one view.
 
@@ -69,8 +69,12 @@ class Tracer:
     ) -> None:
         self.mi = engine.mitsuba(threads)
         self.description, self.width, self.height = description, width, height
-        self.shapes = shapes_of(description)
+        self.ground = ground_of(description)
         self._view = view
+        # Axes of the camera right, down and forward, as columns.
+        self._rotation = description.pose.rotation()
+        self._left = np.array(description.pose.position)
+        self._eye = self._left + (BASELINE * self._rotation[:, 0] if view == "right" else 0.0)
         self._scene = self.mi.load_dict(self._described())
         self._values = self.mi.traverse(self._scene)
 
@@ -116,16 +120,9 @@ class Tracer:
 
     def _ranges(self) -> Array:
         """Intersect the rays of pixels' centres, (H, W) float32, NaN without a surface."""
-        mi = self.mi
-        focal = focal_length(self.description, self.width)
-        across = (np.arange(self.width) + 0.5 - self.width / 2.0) / focal
-        down = (np.arange(self.height) + 0.5 - self.height / 2.0) / focal
-        x, y = np.meshgrid(across, down)
-        forward, right, below = self._axes()
-        rays = forward + x[..., None] * right + y[..., None] * below
-        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-        rays, origin = rays.reshape(-1, 3), self._origin()
-        start = mi.Point3f(*origin.tolist())
+        mi, rig = self.mi, camera_of(self.width, self.height).rig
+        rays = rig.ray_directions((self.height, self.width)).reshape(-1, 3) @ self._rotation.T
+        start = mi.Point3f(*self._eye.tolist())
         if _jit(mi):
             found = np.array(self._scene.ray_intersect(mi.Ray3f(
                 start, mi.Vector3f(rays.T.astype(np.float32)))).t)
@@ -134,29 +131,17 @@ class Tracer:
                 self._scene.ray_intersect(mi.Ray3f(start, mi.Vector3f(*ray))).t
                 for ray in rays.tolist()])
         # The shining surface is no part of the scene.
-        top = origin[2] + found * rays[:, 2] > self._surface() - 1e-2
+        top = self._eye[2] + found * rays[:, 2] > self._surface() - 1e-2
         found = np.where(np.isfinite(found) & ~top, found, np.nan)
         return np.asarray(found.reshape(self.height, self.width), np.float32)
 
     def _surface(self) -> float:
         return self.description.altitude + self.description.depth
 
-    def _axes(self) -> tuple[Array, Array, Array]:
-        """Return the camera's axes forward, right and down, each (3,)."""
-        tilt = math.radians(self.description.tilt)
-        forward = np.array([math.cos(tilt), 0.0, -math.sin(tilt)])
-        right = np.array([0.0, -1.0, 0.0])
-        return forward, right, np.cross(forward, right)
-
-    def _origin(self) -> Array:
-        shift = self.description.baseline if self._view == "right" else 0.0
-        return np.array([0.0, 0.0, self.description.altitude]) + shift * self._axes()[1]
-
     def _paint(self, channel: int, black: bool = False) -> None:
-        for k, shape in enumerate(self.shapes):
-            values = shape.reflectance[:, channel] * (0.0 if black else 1.0)
-            self._values[f"shape{k}.vertex_rho"] = self.mi.Float(values) if _jit(
-                self.mi) else values.tolist()
+        values = self.ground.reflectance[:, channel] * (0.0 if black else 1.0)
+        self._values["ground.vertex_rho"] = (
+            self.mi.Float(values) if _jit(self.mi) else values.tolist())
         self._values.update()
 
     def _dye(self, channel: int) -> None:
@@ -167,14 +152,13 @@ class Tracer:
         if any(self.description.daylight):
             values["sky.emitter.radiance.value"] = self.description.daylight[channel]
         for k, lamp in enumerate(self.description.lamps):
-            values[f"lamp{k}.intensity.value"] = lamp.intensity[channel]
+            values[f"lamp{k}.intensity.value"] = lamp.power[channel]
         values.update()
 
     def _described(self) -> dict[str, Any]:
         mi, given = self.mi, self.description
         transform = mi.ScalarTransform4f
-        origin = self._origin()
-        forward, right, down = self._axes()
+        _, down, forward = self._rotation.T
         phase = {"type": "hg", "g": given.water.asymmetry}
         if given.water.phase != HENYEY_GREENSTEIN:
             table = ",".join(f"{value:.6g}" for value in fournier_forand_table())
@@ -183,9 +167,9 @@ class Tracer:
             "type": "scene",
             "water": {"type": "homogeneous", "albedo": 0.5, "sigma_t": 0.3, "phase": phase},
             "sensor": {
-                "type": "perspective", "fov": given.field_of_view,
+                "type": "perspective", "fov": FIELD_OF_VIEW,
                 "to_world": transform().look_at(
-                    origin=origin.tolist(), target=(origin + forward).tolist(),
+                    origin=self._eye.tolist(), target=(self._eye + forward).tolist(),
                     up=(-down).tolist()),
                 "medium": {"type": "ref", "id": "water"},
                 "film": {"type": "hdrfilm", "width": self.width, "height": self.height,
@@ -202,29 +186,25 @@ class Tracer:
                     [1, 0, 0], 180).scale([reach, reach, 1.0]),
                 "emitter": {"type": "area", "radiance": 1.0}}
         for k, lamp in enumerate(given.lamps):
-            frame = np.stack([right, down, forward], -1)
-            place, axis = origin + frame @ lamp.position, frame @ lamp.direction
-            if self._view == "right":
-                place = place - given.baseline * right
+            place, axis = self._left + self._rotation @ lamp.position, self._rotation @ lamp.axis
             scene[f"lamp{k}"] = {
                 "type": "spot", "cutoff_angle": lamp.beam_angle / 2.0,
                 "beam_width": lamp.beam_angle / 4.0, "intensity": 1.0,
                 "to_world": transform().look_at(
                     origin=place.tolist(), target=(place + axis).tolist(), up=[0, 0, 1])}
-        for k, shape in enumerate(self.shapes):
-            scene[f"shape{k}"] = self._mesh(f"shape{k}", shape)
+        scene["ground"] = self._meshed()
         return scene
 
-    def _mesh(self, name: str, shape: Shape) -> Any:
-        mi = self.mi
+    def _meshed(self) -> Any:
+        mi, ground = self.mi, self.ground
         properties = mi.Properties()
         properties["bsdf"] = mi.load_dict({"type": "twosided", "surface": {
             "type": "diffuse", "reflectance": {"type": "mesh_attribute", "name": "vertex_rho"}}})
-        mesh = mi.Mesh(name, len(shape.vertices), len(shape.faces), props=properties)
-        mesh.add_attribute("vertex_rho", 1, shape.reflectance[:, 0].astype(np.float32))
+        mesh = mi.Mesh("ground", len(ground.vertices), len(ground.faces), props=properties)
+        mesh.add_attribute("vertex_rho", 1, ground.reflectance[:, 0].astype(np.float32))
         values = mi.traverse(mesh)
-        values["vertex_positions"] = shape.vertices.astype(np.float32).ravel()
-        values["faces"] = shape.faces.astype(np.uint32).ravel()
+        values["vertex_positions"] = ground.vertices.astype(np.float32).ravel()
+        values["faces"] = ground.faces.astype(np.uint32).ravel()
         values.update()
         return mesh
 
@@ -345,7 +325,7 @@ def render_scene(
         right, _ = _view(description, size, samples, "right", gain, threads)
         write_view(folder, "right", right)
     write_truth(folder, truth_of(
-        description, focal_length(description, size[0]), gain, samples, left))
+        description, camera_of(*size), gain, samples, left))
     return True
 
 

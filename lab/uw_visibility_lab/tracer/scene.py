@@ -5,25 +5,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
+from uw_visibility_lab.simulation.camera import Pose, StereoCamera, Triple
+from uw_visibility_lab.simulation.lamps import Lamp
 from uw_visibility_lab.simulation.phase_functions import FOURNIER_FORAND, HENYEY_GREENSTEIN
-from uw_visibility_lab.tracer.shapes import (
-    Shape,
-    fractal,
-    grid_faces,
-    painted,
-    polar_grid,
-    rotation,
-    sphere,
-)
-
-Colour = tuple[float, float, float]
+from uw_visibility_lab.simulation.raycast import on_floor
+from uw_visibility_lab.simulation.scene import reef
+from uw_visibility_lab.tracer.shapes import Mesh, mesh_of
 
 WAVELENGTHS = (600.0, 540.0, 460.0)
 """Of the channels R, G, B, nm; each is taken as monochromatic."""
@@ -37,8 +31,24 @@ BEAM = (0.07, 0.5)
 ALBEDO = (0.2, 0.85)
 """Single-scattering albedo of any channel; lower in red, where water itself absorbs."""
 
-TILTS = {"boulders": (5.0, 60.0), "reef": (0.0, 25.0)}
-"""Of the camera below the horizon, degrees: open water stays in view of a reef."""
+
+class Kind(NamedTuple):
+    """What stands before the camera, and how that looks at it."""
+
+    stream: int  # of random numbers
+    tilt: tuple[float, float]  # limits of the camera's tilt below the horizon, degrees
+    boulders: float  # boulders, corals: of a square metre
+    corals: float
+
+
+KINDS = {
+    "boulders": Kind(0, (5.0, 60.0), 0.25, 0.0),
+    # Open water stays in view.
+    "reef": Kind(2, (0.0, 25.0), 0.11, 0.28),
+}
+
+DULL = (0.4, 0.9)
+"""Limits of the factor of a ground's reflectance: sand is not of one brightness everywhere."""
 
 FIELD_OF_VIEW, BASELINE = 60.0, 0.12
 """Horizontal, degrees; distance of the cameras, m."""
@@ -48,8 +58,8 @@ FIELD_OF_VIEW, BASELINE = 60.0, 0.12
 class Water:
     """Homogeneous water."""
 
-    absorption: Colour  # absorption, scattering: RGB, 1/m
-    scattering: Colour
+    absorption: Triple  # absorption, scattering: RGB, 1/m
+    scattering: Triple
     phase: str = HENYEY_GREENSTEIN  # phase function: this, or Fournier and Forand's
     asymmetry: float = 0.85  # mean cosine of Henyey-Greenstein's function
 
@@ -65,17 +75,6 @@ class Water:
 
 
 @dataclass(frozen=True)
-class Lamp:
-    """Spot light that moves with the camera."""
-
-    # position, direction: in the left camera's frame (x right, y down, z forward), m
-    position: Colour
-    direction: Colour = (0.0, 0.0, 1.0)
-    beam_angle: float = 90.0  # full angle, degrees
-    intensity: Colour = (1.0, 1.0, 1.0)  # RGB, on the axis, where the surface's radiance is 1
-
-
-@dataclass(frozen=True)
 class Description:
     """All that decides an image."""
 
@@ -86,10 +85,20 @@ class Description:
     altitude: float  # of the camera over the floor below it, m
     tilt: float  # of the camera below the horizon, degrees
     # radiance of the sea's surface from below, RGB, the same in all directions
-    daylight: Colour = (1.0, 1.0, 1.0)
-    lamps: tuple[Lamp, ...] = ()  # none by day
-    field_of_view: float = FIELD_OF_VIEW
-    baseline: float = BASELINE
+    daylight: Triple = (1.0, 1.0, 1.0)
+    # none by day; their power is radiant intensity on the axis, where the surface's radiance is 1
+    lamps: tuple[Lamp, ...] = ()
+
+    @property
+    def pose(self) -> Pose:
+        """Pose of the left camera."""
+        return Pose((0.0, 0.0, self.altitude), tilt=math.radians(self.tilt))
+
+
+def camera_of(width: int, height: int) -> StereoCamera:
+    """Return the cameras, of images of a size in px."""
+    half = math.tan(math.radians(FIELD_OF_VIEW) / 2.0)
+    return StereoCamera(width, height, width / (2.0 * half), BASELINE)
 
 
 def draw_water(random: np.random.Generator) -> Water:
@@ -116,11 +125,11 @@ def draw_water(random: np.random.Generator) -> Water:
     measured = random.random() < 0.25
     asymmetry = random.uniform(0.77, 0.92)
     return Water(
-        _colour(absorption), _colour(scattering),
+        _triple(absorption), _triple(scattering),
         FOURNIER_FORAND if measured else HENYEY_GREENSTEIN, round(float(asymmetry), 4))
 
 
-def _colour(values: Array) -> Colour:
+def _triple(values: Array) -> Triple:
     red, green, blue = (round(float(v), 6) for v in values)
     return red, green, blue
 
@@ -136,10 +145,10 @@ def draw_scene(seed: int, kind: str, lamps: int = 0) -> Description:
     """
     if kind not in KINDS:
         raise InputError(f"no kind of scene {kind!r}: give one of {', '.join(sorted(KINDS))}")
-    random = np.random.default_rng([seed, KINDS[kind][0]])
+    random = np.random.default_rng([seed, KINDS[kind].stream])
     water = draw_water(random)
     depth = math.exp(random.uniform(math.log(1.5), math.log(15.0)))
-    tilt = random.uniform(*TILTS[kind])
+    tilt = random.uniform(*KINDS[kind].tilt)
     # From 60 degrees down ranges are about the altitude, from the horizontal several times that.
     altitude = random.uniform(1.0, 1.8) + random.uniform(0.0, 2.0) * tilt / 60.0
     description = Description(
@@ -152,143 +161,14 @@ def draw_scene(seed: int, kind: str, lamps: int = 0) -> Description:
     return description
 
 
-def shapes_of(description: Description) -> list[Shape]:
-    """Return the meshes of a scene, below the surface and at least 0.8 m from the camera."""
-    stream, make = KINDS[description.kind]
-    shapes = make(np.random.default_rng([description.seed, 77, stream]), description)
-    top = description.altitude + description.depth - 0.3
-    for shape in shapes:
-        shape.vertices[:, 2] = np.minimum(shape.vertices[:, 2], top)
-    return shapes
-
-
-def _sand(random: np.random.Generator) -> Array:
-    """Palette of sand and gravel: yellowish grey of 0.15 to 0.45, (3, 3)."""
-    level = random.uniform(0.15, 0.45, (3, 1))
-    return np.asarray(level * np.array([1.0, 0.92, 0.78]) * random.uniform(0.93, 1.07, (3, 3)))
-
-
-def _rock(random: np.random.Generator) -> Array:
-    """Palette of overgrown rock: brown, grey, olive, and a light crust, (4, 3)."""
-    palette = np.array([
-        [0.14, 0.11, 0.08], [0.20, 0.19, 0.17], [0.10, 0.12, 0.06], [0.42, 0.38, 0.36]])
-    return np.asarray(palette * random.uniform(0.6, 1.5, (4, 1)) * random.uniform(0.9, 1.1, (4, 3)))
-
-
-def _growth(random: np.random.Generator) -> Array:
-    """Palette of a reef: rock with coralline red, sponge yellow, pale coral, (6, 3)."""
-    palette = np.array([[0.36, 0.14, 0.18], [0.45, 0.36, 0.10], [0.50, 0.46, 0.40]])
-    return np.concatenate([
-        _rock(random)[:3], palette * random.uniform(0.7, 1.3, (3, 1))])
-
-
-def _floor(
-    random: np.random.Generator, relief: float, ripples: float, palette: Array,
-    fall: Callable[[Array], Array] | None = None,
-) -> tuple[Shape, Callable[[Array], Array]]:
-    """Return the floor, level 0 below the camera, and its height over places (N, 3)."""
-    seed = int(random.integers(1 << 20))
-    length = random.uniform(0.12, 0.3)
-    course = random.uniform(0.0, np.pi)
-
-    def height(points: Array, spacing: Array | float = 0.0) -> Array:
-        flat = points * [1.0, 1.0, 0.0]
-        rough = relief * fractal(flat, seed, 4.0, 6, 0.45, spacing)
-        along = flat[:, 0] * np.cos(course) + flat[:, 1] * np.sin(course)
-        along = along + 0.15 * fractal(flat, seed + 1, 1.5, 2)
-        carried = np.clip(length / np.maximum(2.0 * np.asarray(spacing), 1e-9) - 1.0, 0.0, 1.0)
-        rough += ripples * carried * np.sin(2.0 * np.pi * along / length)
-        return np.asarray(rough if fall is None else rough + fall(flat))
-
-    points, spacing = polar_grid(0.2, 60.0, 400, 560)
-    base = float(height(np.zeros((1, 3)))[0])
-    vertices = points.copy()
-    vertices[:, 2] = height(points, spacing) - base
-    colour = painted(vertices, palette, seed + 2, random.uniform(0.5, 1.5),
-                     random.uniform(0.03, 0.08), random.uniform(0.2, 0.5), spacing)
-    return Shape(vertices, grid_faces(400, 560), colour), lambda at: height(at) - base
-
-
-def _place(random: np.random.Generator, size: float, sight: float) -> Array:
-    """Draw a place on the floor ahead, so far that a thing of a size is 1 m clear of the camera."""
-    distance = size + 1.2 + sight * random.random() ** 1.3
-    angle = random.uniform(-0.75, 0.75)
-    return np.array([[distance * np.cos(angle), distance * np.sin(angle), 0.0]])
-
-
-def _boulder(
-    random: np.random.Generator, centre: Array, size: float, palette: Array,
-) -> Shape:
-    """Return a rough stone about a centre (3,)."""
-    subdivisions = int(np.clip(size / np.linalg.norm(centre) * 250.0, 16, 60))
-    vertices, faces = sphere(subdivisions)
-    seed = int(random.integers(1 << 20))
-    spacing = size * 1.6 / subdivisions
-    swell = 1.0 + 0.35 * fractal(vertices, seed, 1.6, 6, 0.5, 1.6 / subdivisions)
-    stretch = random.uniform(0.6, 1.3, 3) * [1.0, 1.0, 0.8]
-    turned = (vertices * swell[:, None] * stretch) @ rotation(
-        np.array([0.0, 0.0, 1.0]), random.uniform(0.0, 6.3)).T
-    placed = centre + size * turned
-    colour = painted(placed, palette, seed + 1, size * random.uniform(0.5, 1.2),
-                     random.uniform(0.03, 0.08), random.uniform(0.3, 0.6), spacing)
-    return Shape(placed, faces, colour)
-
-
-def _boulders(random: np.random.Generator, description: Description) -> list[Shape]:
-    floor, height = _floor(
-        random, random.uniform(0.1, 0.5), random.uniform(0.0, 0.025), _sand(random))
-    palette = _rock(random)
-    shapes = [floor]
-    for _ in range(int(random.integers(14, 40))):
-        size = float(np.clip(np.exp(random.normal(-1.1, 0.6)), 0.12, 1.2))
-        at = _place(random, size, 11.0)
-        at[0, 2] = height(at)[0] + random.uniform(-0.2, 0.5) * size
-        shapes.append(_boulder(random, at[0], size, palette))
-    return shapes
-
-
-def _reef(random: np.random.Generator, description: Description) -> list[Shape]:
-    side = 1.0 if random.random() < 0.5 else -1.0
-    slope = random.uniform(0.15, 0.5)
-
-    def fall(flat: Array) -> Array:
-        # Towards the open side the floor falls away.
-        return np.asarray(-slope * np.logaddexp(0.0, -side * flat[:, 1] * 2.0) / 2.0)
-
-    floor, height = _floor(random, random.uniform(0.2, 0.5), 0.0, _growth(random), fall)
-    near, far = random.uniform(1.1, 2.0), random.uniform(-1.5, 2.0)
-    rows, columns = 220, 600
-    top = min(random.uniform(1.5, 5.0), description.altitude + description.depth - 0.5)
-    x = 0.4 * (26.0 / 0.4) ** np.linspace(0.0, 1.0, columns)
-    up, along = np.meshgrid(np.linspace(0.0, 1.0, rows), x, indexing="ij")
-    overhang = random.uniform(0.2, 0.9)
-    # The wall runs from beside the camera towards its far end, and leans over.
-    across = near + far * (along / 12.0) - overhang * np.sin(np.pi * np.clip(up * 1.3, 0, 1)) * (
-        0.25 + 0.75 * np.clip(along / 4.0, 0.0, 1.0))
-    wall = np.stack([along, across, -1.0 + (top + 1.0) * up], -1).reshape(-1, 3)
-    spacing = np.maximum(along * np.log(65.0) / columns, (top + 1.0) / rows).ravel()
-    seed = int(random.integers(1 << 20))
-    rough = fractal(wall, seed, 2.2, 7, 0.5, spacing)
-    # Never nearer to the camera's line of sight than 0.5 m.
-    wall[:, 1] = np.maximum(wall[:, 1] + 0.45 * rough, 0.5 + 0.02 * wall[:, 0])
-    wall[:, 2] += 0.35 * fractal(wall, seed + 1, 1.8, 4, 0.5, spacing) * np.clip(
-        up.ravel() * 4.0, 0.0, 1.0)
-    # Behind its top edge it goes back, so that no light falls through from behind.
-    back = wall.reshape(rows, columns, 3)[-1:] + np.array([0.0, 12.0, -0.3])
-    vertices = np.concatenate([wall.reshape(rows, columns, 3), back]).reshape(-1, 3)
-    spacing = np.concatenate([spacing, spacing[-columns:]])
-    colour = painted(vertices, _growth(random), seed + 2, random.uniform(0.3, 0.9),
-                     random.uniform(0.04, 0.1), random.uniform(0.3, 0.6), spacing)
-    shapes = [floor, Shape(vertices * [1.0, side, 1.0], grid_faces(rows + 1, columns), colour)]
-    palette = _growth(random)
-    for _ in range(int(random.integers(14, 30))):
-        size = float(np.clip(np.exp(random.normal(-1.4, 0.5)), 0.1, 0.8))
-        at = _place(random, size, 9.0)
-        at[0, 2] = height(at)[0] + random.uniform(0.0, 0.7) * size
-        shapes.append(_boulder(random, at[0], size, palette))
-    return shapes
-
-
-KINDS: dict[str, tuple[int, Callable[[np.random.Generator, Description], list[Shape]]]] = {
-    "boulders": (0, _boulders), "reef": (2, _reef)}
-"""What stands before the camera, by name, each with random numbers of its own."""
+def ground_of(description: Description) -> Mesh:
+    """Return the mesh of a scene, below the surface and at least 0.5 m from the camera."""
+    kind = KINDS[description.kind]
+    scene = reef(description.seed, 0.0, boulders=kind.boulders, corals=kind.corals)
+    # The altitude is that over the floor below the camera.
+    level = on_floor(scene, scene.heights, 0.0, 0.0)
+    ground = mesh_of(scene, np.array([0.0, 0.0, level + description.altitude]))
+    height = ground.vertices[:, 2] - level
+    ground.vertices[:, 2] = np.minimum(height, description.altitude + description.depth - 0.3)
+    dull = np.random.default_rng([description.seed, 77, kind.stream]).uniform(*DULL)
+    return replace(ground, reflectance=ground.reflectance * np.float32(dull))

@@ -1,41 +1,98 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Meshes of a sea floor and of what stands on it, with a reflectance at each vertex.
-
-Relief and textures are of solid value noise, the same for the same seed.
-"""
+"""Mesh of a simulated reef, with a reflectance at each vertex, as fine as one camera sees it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
-from uw_visibility.images.arrays import Array
+from uw_visibility.compute.jit import njit
+from uw_visibility.images.arrays import Array, Map
+from uw_visibility_lab.simulation.raycast import FLOOR, look_at, on_floor
+from uw_visibility_lab.simulation.scene import Scene
+from uw_visibility_lab.simulation.shapes import CAPSULE
 
 SECTOR = np.pi / 4.0
 """Half of the directions that are seen, rad."""
 
-_PERIOD = 2048
-"""Cells after which noise repeats: 30 m for grain of 3 cm."""
+RINGS, SPOKES = 400, 560
+"""Of the floor's mesh."""
+
+FINENESS = (2, 60)
+"""Subdivisions of a thing's mesh along a side of a cube, at least and at most."""
+
+CLEARANCE = 0.6
+"""What comes nearer to the camera is left out, m."""
 
 
 @dataclass(frozen=True)
-class Shape:
+class Mesh:
     """Triangle mesh."""
 
     vertices: Array  # (N, 3) float64; x ahead of the camera, y to its left, z up, m
     faces: Array  # (M, 3) uint32
-    reflectance: Array  # (N, 3) float32; RGB, 0 .. 1
+    reflectance: Map  # (N, 3); RGB, 0 .. 1
+
+
+def mesh_of(scene: Scene, eye: Array) -> Mesh:
+    """Return floor and things, as a camera above x = y = 0 looks at them ahead.
+
+    A capsule is an ellipsoid as long.
+
+    eye: the camera's place, (3,), m.
+    """
+    points, spacing = polar_grid(0.2, 60.0, RINGS, SPOKES)
+    parts, faces, met = [points], [grid_faces(RINGS, SPOKES)], [np.full(len(points), FLOOR)]
+    steps, count = [spacing], len(points)
+    for index, row in enumerate(scene.shapes):
+        centre, axes, half, bound = row[1:4], row[4:13].reshape(3, 3), row[13:16], row[16]
+        away = float(np.linalg.norm(centre - eye))
+        if away - bound < CLEARANCE:
+            continue
+        if row[0] == CAPSULE:
+            half = half + np.array([0.0, 0.0, half[0]])
+        subdivisions = int(np.clip(bound / away * 250.0, *FINENESS))
+        unit, corners = sphere(subdivisions)
+        parts.append(centre + (unit * half) @ axes)
+        faces.append(corners + count)
+        met.append(np.full(len(unit), index))
+        steps.append(np.full(len(unit), 1.6 * bound / subdivisions))
+        count += len(unit)
+    vertices = np.concatenate(parts)
+    reflectance = np.zeros((count, 3), np.float32)
+    _paint(scene, eye, np.concatenate(met), np.concatenate(steps), vertices, reflectance)
+    return Mesh(vertices, np.concatenate(faces).astype(np.uint32), reflectance)
+
+
+@njit(nogil=True, error_model="numpy")
+def _paint(
+    scene: Scene, eye: Any, met: Any, spacing: Any, vertices: Any, reflectance: Any
+) -> None:
+    """Lift the floor's vertices to its height, and give all of them their reflectance."""
+    seen = np.zeros(9)
+    for k in range(len(vertices)):
+        x, y = vertices[k, 0], vertices[k, 1]
+        if met[k] == FLOOR:
+            vertices[k, 2] = on_floor(scene, scene.heights, x, y)
+        ray = vertices[k] - eye
+        ray /= np.sqrt(ray[0] ** 2 + ray[1] ** 2 + ray[2] ** 2)
+        look_at(
+            scene, met[k], x, y, vertices[k, 2], spacing[k], (ray[0], ray[1], ray[2]), seen)
+        for channel in range(3):
+            reflectance[k, channel] = seen[3 + channel]
 
 
 def grid_faces(rows: int, columns: int) -> Array:
-    """Return the triangles of a grid of vertices in row-major order, (M, 3) uint32."""
+    """Return the triangles of a grid of vertices in row-major order, (M, 3)."""
     corner = np.arange((rows - 1) * columns).reshape(rows - 1, columns)[:, :-1].ravel()
     return np.concatenate([
         np.stack([corner, corner + columns, corner + 1], -1),
         np.stack([corner + 1, corner + columns, corner + columns + 1], -1),
-    ]).astype(np.uint32)
+    ])
 
 
 def polar_grid(
@@ -60,6 +117,7 @@ def polar_grid(
     return points, (r * step).ravel()
 
 
+@lru_cache(maxsize=FINENESS[1])
 def sphere(subdivisions: int) -> tuple[Array, Array]:
     """Unit sphere of a subdivided cube: vertices (N, 3), faces (M, 3)."""
     side = np.tan(np.linspace(-np.pi / 4.0, np.pi / 4.0, subdivisions + 1))
@@ -72,94 +130,4 @@ def sphere(subdivisions: int) -> tuple[Array, Array]:
         corners = np.stack(axes, -1)
         vertices.append(corners / np.linalg.norm(corners, axis=1, keepdims=True))
         faces.append(one_side + k * len(u))
-    return np.concatenate(vertices), np.concatenate(faces).astype(np.uint32)
-
-
-def rotation(axis: Array, angle: float) -> Array:
-    """Return the matrix (3, 3) that turns by an angle in rad about an axis (3,)."""
-    x, y, z = axis / np.linalg.norm(axis)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)
-
-
-def value_noise(points: Array, seed: int) -> Array:
-    """Value noise with a wavelength of about two units.
-
-    points: (N, 3) float.
-    seed: of the lattice.
-    Returns (N,) float64, within -1 .. 1 and about 0.
-
-    References
-    ----------
-    D. S. Ebert et al., Texturing and Modeling, 3rd ed. (2003), ch. 2.
-    """
-    random = np.random.default_rng(seed)
-    order = random.permutation(_PERIOD)
-    heights = random.uniform(-1.0, 1.0, _PERIOD)
-    low = np.floor(points)
-    part = points - low
-    weight = part * part * (3.0 - 2.0 * part)
-    cell = low.astype(np.int64) % _PERIOD
-    along = [[(cell[:, axis] + step) % _PERIOD for step in (0, 1)] for axis in range(3)]
-    total = np.zeros(len(points))
-    for i in (0, 1):
-        first = order[along[0][i]]
-        share_x = weight[:, 0] if i else 1.0 - weight[:, 0]
-        for j in (0, 1):
-            second = order[(first + along[1][j]) % _PERIOD]
-            share_y = share_x * (weight[:, 1] if j else 1.0 - weight[:, 1])
-            near = heights[(second + order[along[2][0]]) % _PERIOD]
-            far = heights[(second + order[along[2][1]]) % _PERIOD]
-            total += share_y * (near + weight[:, 2] * (far - near))
-    return total
-
-
-def fractal(
-    points: Array, seed: int, wavelength: float, octaves: int, gain: float = 0.5,
-    spacing: Array | float = 0.0,
-) -> Array:
-    """Sum of octaves of value noise, each half as long and `gain` times as high.
-
-    points: (N, 3), m.
-    wavelength: of the first octave, m.
-    gain: height of an octave over that of the one before.
-    spacing: or float, (N,), distance of samples, m: octaves that these cannot carry fade out.
-    Returns (N,) float64, about 0, the first octave within -1 .. 1.
-    """
-    total = np.zeros(len(points))
-    length, height = wavelength, 1.0
-    for octave in range(octaves):
-        # Nyquist: two samples a wavelength; faded in over another factor of 2.
-        carried = np.clip(length / np.maximum(2.0 * np.asarray(spacing), 1e-9) - 1.0, 0.0, 1.0)
-        carried = np.broadcast_to(carried, len(points))
-        used = carried > 0.0
-        total[used] += height * carried[used] * value_noise(
-            points[used] * (2.0 / length), seed * 64 + octave)
-        length /= 2.0
-        height *= gain
-    return total
-
-
-def painted(
-    points: Array, palette: Array, seed: int, patch: float, grain: float, roughness: float,
-    spacing: Array | float,
-) -> Array:
-    """Reflectance of natural surfaces: patches of a palette, with grain on them.
-
-    points: (N, 3), m.
-    palette: (K, 3), reflectances.
-    patch, grain: wavelengths of patches and grain, m.
-    roughness: relative height of the grain.
-    spacing: or float, distance of vertices, m.
-    Returns (N, 3) float32, 0.01 .. 0.95.
-    """
-    mixed = np.zeros((len(points), 3))
-    total = np.zeros((len(points), 1))
-    for k, colour in enumerate(palette):
-        # Softmax of noises: one colour dominates a patch, borders are a few cm wide.
-        level = fractal(points, seed * 16 + k, patch, 4, 0.6, spacing)
-        weight = np.exp(8.0 * level)[:, None]
-        mixed += weight * colour
-        total += weight
-    shade = 1.0 + roughness * fractal(points, seed * 16 + 15, grain, 3, 0.8, spacing)
-    return np.asarray(np.clip(mixed / total * shade[:, None], 0.01, 0.95), np.float32)
+    return np.concatenate(vertices), np.concatenate(faces)
