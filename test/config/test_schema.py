@@ -126,12 +126,6 @@ def test_a_file_with_a_parameter_that_is_gone_is_refused_in_a_sentence(
         NodeConfig.from_parameters(values)
 
 
-@pytest.mark.parametrize("name", ["method", "bins", "min_bin_pixels", "edge_tolerance"])
-def test_a_removed_parameter_is_no_spelling_mistake(name: str) -> None:
-    with pytest.raises(InputError, match=rf"^parameter water\.{name} was removed in 0\.3\.0: "):
-        PipelineConfig.from_parameters({f"water.{name}": 3})
-
-
 def test_names_may_be_dotted_nested_and_under_any_node(tmp_path: Path) -> None:
     path = file_with(
         tmp_path,

@@ -43,8 +43,14 @@ class ParameterInfo:
         Raises `InputError` if type, bounds or choice do not fit; names the parameter.
         """
         value = self._of_type(value)
-        for number in value if isinstance(value, tuple) else (value,):
-            self._check_bounds(number)
+        low = -math.inf if self.minimum is None else self.minimum
+        high = math.inf if self.maximum is None else self.maximum
+        for number in {tuple: value, int: (value,), float: (value,)}.get(self.type, ()):
+            if not low <= number <= high:
+                raise InputError(
+                    f"parameter {self.name} is {number!r}: give a value between {low:g} and "
+                    f"{high:g}{' ' + self.unit if self.unit else ''}"
+                )
         if self.choices and value not in self.choices:
             raise InputError(
                 f"parameter {self.name} is {value!r}: give one of {', '.join(self.choices)}"
@@ -73,7 +79,8 @@ class ParameterInfo:
         value = self.numeric(value)
         if self.type is tuple:
             numbers = isinstance(value, list) and all(isinstance(each, float) for each in value)
-            if not numbers or not self._fits(len(value)):
+            times, rest = divmod(len(value), len(self.default)) if numbers else (0, 0)
+            if not times or rest or (times > 1 and not self.repeats):
                 wanted = f"{len(self.default)} number{'s' if len(self.default) > 1 else ''}"
                 wanted += " for each, one after the other" if self.repeats else ""
                 raise InputError(f"parameter {self.name} is {value!r}: give {wanted}")
@@ -84,22 +91,6 @@ class ParameterInfo:
                 f"give a value of type {self.type.__name__}"
             )
         return value
-
-    def _fits(self, length: int) -> bool:
-        if self.repeats:
-            return length > 0 and length % len(self.default) == 0
-        return length == len(self.default)
-
-    def _check_bounds(self, value: Any) -> None:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            return
-        low = -math.inf if self.minimum is None else self.minimum
-        high = math.inf if self.maximum is None else self.maximum
-        if not low <= value <= high:
-            raise InputError(
-                f"parameter {self.name} is {value!r}: give a value between {low:g} and {high:g}"
-                f"{' ' + self.unit if self.unit else ''}"
-            )
 
 
 def parameter(default: Any, description: str, **facts: Any) -> Any:
@@ -137,38 +128,26 @@ def _group_of(field: Any) -> Any:
 def build(group: type, values: Mapping[str, Any], prefix: str = "") -> Any:
     """Make a dataclass of parameters from dotted names.
 
-    values: values by dotted name; what is absent keeps its default.
-    Raises `InputError` if a name is unknown (the nearest known one is named) or a value is not
-    allowed.
+    values: values by dotted name; what is absent keeps its default, and other names do nothing
+        (`check_names`).
+    Raises `InputError` if a value is not allowed.
     """
     infos = {info.name: info for info in describe(group, prefix)}
-    check_names(values, infos)
     arguments = {}
     for field in dataclasses.fields(group):
         name, inner = prefix + field.name, _group_of(field)
         if inner is not None:
-            inside = {k: v for k, v in values.items() if k.startswith(name + ".")}
-            arguments[field.name] = build(inner, inside, name + ".")
+            arguments[field.name] = build(inner, values, name + ".")
         elif name in values:
             arguments[field.name] = infos[name].check(values[name])
     return group(**arguments)
 
 
-# Parameters of earlier versions, for which no other one is meant.
-_REMOVED = {
-    **dict.fromkeys(
-        ("water.method", "water.bins", "water.min_bin_pixels", "water.edge_tolerance"),
-        "removed in 0.3.0: the estimator no longer needs it"),
-}
-
-
 def check_names(given: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse names that are not known: with the nearest one that is, or why they are gone."""
+    """Refuse names that are not known, with the nearest one that is."""
     names = set(known)
     for name in given:
         if name not in names:
-            if name in _REMOVED:
-                raise InputError(f"parameter {name} was {_REMOVED[name]}; take the line out")
             near = difflib.get_close_matches(name, sorted(names), n=1, cutoff=0.0)
             raise InputError(f"unknown parameter {name}: did you mean {near[0]}?")
 

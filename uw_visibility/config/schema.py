@@ -409,7 +409,9 @@ class PipelineConfig:
             If a name is unknown (the nearest known one is named) or a value
             is not allowed.
         """
-        return build(cls, _part(cls, values))
+        _check_known(values)
+        made: PipelineConfig = build(cls, values)
+        return made
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> PipelineConfig:
@@ -562,7 +564,8 @@ class NodeConfig:
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> NodeConfig:
         """Make a configuration from dotted names, ignoring the pipeline's."""
-        config: NodeConfig = build(cls, _part(cls, values))
+        _check_known(values)
+        config: NodeConfig = build(cls, values)
         # The other one may be empty.
         for name, frame in (
             ("depth_frame", config.depth_frame), ("distance_frame", config.distance_frame or "map")
@@ -573,12 +576,7 @@ class NodeConfig:
         return config
 
 
-def _part(group: type, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values by dotted name that are of a group: the pipeline or the node.
-
-    Raises `InputError` if a name belongs to neither; the nearest known one is named.
-    """
+def _check_known(values: Mapping[str, Any]) -> None:
+    """Refuse names that neither the pipeline nor the node has."""
     groups = (PipelineConfig, NodeConfig)
-    check_names(values, (info.name for each in groups for info in describe(each)))
-    mine = {info.name for info in describe(group)}
-    return {name: value for name, value in values.items() if name in mine}
+    check_names(values, (info.name for group in groups for info in describe(group)))
