@@ -107,15 +107,15 @@ class Taken(NamedTuple):
 class RightSensor:
     """Filter of the difference of a right sensor and the estimate.
 
+    estimate: the first one of a dive that is compared.
     stddev: of what the estimate's own does not hold and is not constant, m.
-    constant_stddev: of what is constant over a dive, beforehand, m.
-    depth: as the camera tells it at first, m.
     """
 
-    def __init__(
-        self, stddev: float, constant_stddev: float, depth: float, camera: Camera
-    ) -> None:
+    def __init__(self, estimate: DepthSample, stddev: float, camera: Camera) -> None:
         self.stddev = stddev
+        # The constant is at least as uncertain as the rest.
+        constant_stddev = max(math.sqrt(estimate.constant_variance), stddev)
+        depth = self._depth = estimate.depth
         scales = np.square(camera.spread ** np.array(SCALES))
         self._rate, self._outliers = camera.bursts, camera.outliers
         self._burst = (camera.burst * stddev) ** 2 * scales
@@ -123,7 +123,6 @@ class RightSensor:
         self._fast = camera.fast**2 * scales
         self._slow = (camera.slow * constant_stddev) ** 2 * scales
         self._times = np.array((camera.fast_time, camera.slow_time))
-        self._depth = depth
         # Another water type scales depth: its error is a share of depth beforehand.
         slope = (camera.slope * constant_stddev / max(depth, constant_stddev)) ** 2
         covariance = np.zeros((len(SCALES), STATES, STATES))
@@ -134,13 +133,6 @@ class RightSensor:
         covariance[:, SLOW, SLOW] = self._slow
         self.filter = Filter(np.zeros((len(SCALES), STATES)), covariance)
         self.weights = np.full(len(SCALES), 1.0 / len(SCALES))
-
-    @classmethod
-    def before(cls, estimate: DepthSample, stddev: float, camera: Camera) -> RightSensor:
-        """Return the filter before a dive's first estimate is compared."""
-        # The constant is at least as uncertain as the rest.
-        constant = max(math.sqrt(estimate.constant_variance), stddev)
-        return cls(stddev, constant, estimate.depth, camera)
 
     @property
     def constant(self) -> tuple[float, float]:
@@ -158,18 +150,26 @@ class RightSensor:
         variances = covariances @ SEEN @ SEEN + taken.sensor_variance
         expected = means @ SEEN
         mean, _ = _moments(self.weights, expected, variances)
-        kinds = self._kinds(taken.elapsed)
+        kinds = self.observe(taken)
         stddevs = np.sqrt(variances + kinds.burst + kinds.apart)
         weights = kinds.shares[:, np.newaxis] * self.weights
         return mean, _gate(weights, expected - mean, stddevs, confidence)
 
-    def observe(self, taken: Taken, difference: float) -> Observation:
-        """Return what a difference tells, and move to the depth at which it was."""
-        self._depth = self._smoothed(taken.elapsed, taken.depth)
-        return Observation(difference, taken.sensor_variance, self._kinds(taken.elapsed))
+    def observe(self, taken: Taken, difference: float = math.nan) -> Observation:
+        """Return what a difference tells, of a usual frame, a begun burst, one off, a wild one."""
+        bursts = -math.expm1(-self._rate * taken.elapsed)
+        alone = (1.0 - WILD) * self._outliers
+        others = 1.0 - WILD - alone
+        none = np.zeros_like(self._burst)
+        return Observation(
+            difference, taken.sensor_variance,
+            np.array((others * (1.0 - bursts), others * bursts, alone, WILD)),
+            np.stack([none, self._burst, none, none]),
+            np.stack([none, none, self._outlier, np.full_like(none, FAULT**2)]))
 
-    def update(self, ahead: Filter, observation: Observation) -> float:
+    def update(self, taken: Taken, ahead: Filter, observation: Observation) -> float:
         """Take a difference into the filter as predicted; return its log density."""
+        self._depth = self._smoothed(taken.elapsed, taken.depth)
         self.filter, log_densities = ahead.update(observation)
         log_weights = np.log(self.weights) + log_densities
         log_density = float(np.logaddexp.reduce(log_weights))
@@ -189,17 +189,6 @@ class RightSensor:
         wander = np.stack([self._fast * taken.variance, self._slow], axis=-1)
         added[:, [FAST, SLOW], [FAST, SLOW]] = wander * (1.0 - kept**2)
         return transition, added
-
-    def _kinds(self, elapsed: float) -> Kinds:
-        """Kinds of frames: usual, begun burst, off by itself, wild."""
-        bursts = -math.expm1(-self._rate * elapsed)
-        alone = (1.0 - WILD) * self._outliers
-        others = 1.0 - WILD - alone
-        shares = np.array((others * (1.0 - bursts), others * bursts, alone, WILD))
-        none = np.zeros_like(self._burst)
-        return Kinds(
-            shares, np.stack([none, self._burst, none, none]),
-            np.stack([none, none, self._outlier, np.full_like(none, FAULT**2)]))
 
     def _smoothed(self, elapsed: float, depth: float) -> float:
         return depth + math.exp(-elapsed / SMOOTHED) * (self._depth - depth)
@@ -231,7 +220,7 @@ class InnovationModel:
         begun, log_begun = _begun(ahead, taken, observation)
         # In logarithms: densities of outliers underflow.
         log_begun = log_begun + np.log(max(taken.elapsed, SHORTEST) * right.weights)
-        log_right = right.update(ahead, observation)
+        log_right = right.update(taken, ahead, observation)
         transition[OFFSET, DRIFT] = taken.elapsed
         added[:, OFFSET, OFFSET] = WALK * taken.elapsed
         faults = _updated(self._faults, transition, added, observation)
@@ -246,23 +235,18 @@ class InnovationModel:
         self.evidence = math.exp(log_evidence)
 
 
-class Kinds(NamedTuple):
-    """Kinds of frames: shares (K,), and what is added to variances, m², (K, J).
-
-    burst : of what wanders with the scene; apart : of the frame alone.
-    """
-
-    shares: Array
-    burst: Array
-    apart: Array
-
-
 class Observation(NamedTuple):
-    """What a difference tells: its value and variance, and the kinds that it may be of."""
+    """What a difference tells: its value and variance, and the kinds of frames it may be of.
+
+    Of each kind `shares` (K,), and what it adds to variances, m², (K, J): `burst` to that of what
+    wanders with the scene, `apart` to that of the frame alone.
+    """
 
     difference: float
     variance: float
-    kinds: Kinds
+    shares: Array
+    burst: Array
+    apart: Array
 
 
 class Filter(NamedTuple):
@@ -279,7 +263,7 @@ class Filter(NamedTuple):
 
     def update(self, observation: Observation) -> tuple[Filter, Array]:
         """Update by the probabilities of the kinds of frames; also log density (..., J)."""
-        difference, variance, (shares, bursts, aparts) = observation
+        difference, variance, shares, bursts, aparts = observation
         residuals = difference - self.means @ SEEN
         cross = self.covariances @ SEEN
         variances = cross @ SEEN + variance

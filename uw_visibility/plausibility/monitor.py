@@ -171,7 +171,7 @@ class DepthMonitor:
         config, model = self.config, self._model
         if model is None or model.right.stddev != config.model_stddev:
             model = self._model = InnovationModel(
-                RightSensor.before(estimate, config.model_stddev, CAMERA))
+                RightSensor(estimate, config.model_stddev, CAMERA))
             self._taken, self._sensor_taken = estimate.stamp - RESTART_NANOSECONDS, math.nan
         elapsed = 1e-9 * abs(estimate.stamp - self._taken)
         difference = sensor.depth - estimate.depth

@@ -144,14 +144,14 @@ def _of_series(camera: Camera, series: Series) -> float:
         if not math.isfinite(sample.depth):
             continue
         if right is None:
-            right, last = RightSensor.before(sample, model_stddev, camera), seen.time - 1.0
+            right, last = RightSensor(sample, model_stddev, camera), seen.time - 1.0
         elapsed = seen.time - last
         if elapsed < INTERVAL:
             continue
         last = seen.time
         taken = Taken(elapsed, seen.depth, sample.variance, 0.0)
         ahead = right.filter.predict(*right.motion(taken))
-        total += right.update(ahead, right.observe(taken, seen.truth - seen.depth))
+        total += right.update(taken, ahead, right.observe(taken, seen.truth - seen.depth))
     return total
 
 
