@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 
 from uw_visibility.cli import main
 from uw_visibility_lab.evaluation import survey
+from uw_visibility_lab.evaluation.judging import WIDEST_INTERVAL
 from uw_visibility_lab.evaluation.survey import at_best_exposure
 from uw_visibility_lab.simulation.camera import StereoCamera
 
@@ -35,10 +37,15 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 def test_the_summary_counts_the_frames(tables: Path) -> None:
     summary = json.loads((tables / "evaluation.json").read_text())["summary"]
-    assert len(rows_of(tables / "survey.csv")) == summary["frames"] == 8
-    for found in (summary["single"], summary["pooled"]):
-        assert found["cases"] == 8
-        assert 0.0 < found["told"] <= 1.0
+    rows = rows_of(tables / "survey.csv")
+    assert len(rows) == summary["frames"] == 8
+    for name in ("single", "pooled"):
+        distances, stddevs = (
+            np.array([float(row[f"{name}.{what}"] or "nan") for row in rows])
+            for what in ("distance", "distance_stddev"))
+        told = 2.0 * stddevs / distances <= math.log(WIDEST_INTERVAL)
+        assert summary[name]["cases"] == 8
+        assert summary[name]["told"] == pytest.approx(told.mean())
     assert set(summary["variation"]) == {"raw", "online", "ours", "oracle", "truth"}
     variation = summary["variation"]
     assert all(variation["oracle"][c] < 0.5 * variation["raw"][c] for c in ("red", "blue"))
