@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from uw_visibility.errors import InputError
+from uw_visibility_lab.simulation.camera import Pose, StereoCamera
 from uw_visibility_lab.simulation.formation import (
-    Geometry,
     effective_attenuation,
     form_image,
     path_transmission,
@@ -24,20 +24,18 @@ RANGES = np.linspace(1.0, 8.0, 24 * 32, dtype=np.float32).reshape(SHAPE)
 RADIANCE = np.random.default_rng(1).uniform(0.0, 1.0, (*SHAPE, 3)).astype(np.float32)
 
 
-def rays() -> np.ndarray:
-    """Unit rays of a camera of 90 degrees, looking ahead."""
-    rows, columns = ((np.arange(n) - (n - 1) / 2) / 16.0 for n in SHAPE)
-    directions = np.ones((*SHAPE, 3))
-    directions[..., 0], directions[..., 1] = columns, rows[:, np.newaxis]
-    return directions / np.linalg.norm(directions, axis=2, keepdims=True)
+CAMERA, POSE = StereoCamera(32, 24, 16.0), Pose((0.0, 0.0, 1.5))
+"""Of 90 degrees, looking ahead."""
+
+RISE = -CAMERA.rig.ray_directions(SHAPE)[..., 1]
 
 
-GEOMETRY = Geometry.of_rays(rays(), np.array([0.0, -1.0, 0.0]), 1.5)
+def view_of(radiance=RADIANCE, ranges=RANGES) -> View:
+    return View.of_pixels(CAMERA, POSE, radiance, ranges)
 
 
 def image(effects: WaterEffects, radiance=RADIANCE, ranges=RANGES, alpha=0.2) -> np.ndarray:
-    water = Water(alpha, 3.0, 1.0, effects)
-    return form_image(View.of_pixels(radiance, ranges), GEOMETRY, water)
+    return form_image(view_of(radiance, ranges), Water(alpha, 3.0, 1.0, effects))
 
 
 def closed_form(water: Water, added=0.0, lit=1.0, seen=1.0) -> np.ndarray:
@@ -70,7 +68,7 @@ def test_a_layer_attenuates_what_is_seen_through_it() -> None:
     effects = WaterEffects(layer=0.3, layer_height=1.0)
     inside = np.empty(SHAPE)
     for index in np.ndindex(SHAPE):
-        rise, distance = GEOMETRY.rise[index], RANGES[index]
+        rise, distance = RISE[index], RANGES[index]
         # From 1.5 m above the floor, down through the layer's top at 1 m.
         crossing = 0.5 / -rise if rise < 0 else math.inf
         inside[index] = max(distance - crossing, 0.0)
@@ -79,8 +77,8 @@ def test_a_layer_attenuates_what_is_seen_through_it() -> None:
     np.testing.assert_allclose(image(effects), expected, rtol=1e-5)
     # From within it, up and out.
     deep = WaterEffects(layer=0.3, layer_height=2.0)
-    up = GEOMETRY.rise > 0
-    leaving = np.where(up, 0.5 / np.where(up, GEOMETRY.rise, 1.0), np.inf)
+    up = RISE > 0
+    leaving = np.where(up, 0.5 / np.where(up, RISE, 1.0), np.inf)
     expected = closed_form(
         Water(0.2, 3.0, 1.0), 0.3 * np.minimum(RANGES, leaving)[..., np.newaxis])
     np.testing.assert_allclose(image(deep), expected, rtol=1e-5)
@@ -124,16 +122,16 @@ def test_blur_spreads_a_point_by_its_range_and_leaves_the_veil() -> None:
 def test_the_effective_attenuation_is_the_best_exponential() -> None:
     plain = Water(0.2, 3.0)
     np.testing.assert_array_equal(
-        effective_attenuation(RANGES, GEOMETRY, plain), plain.attenuation())
+        effective_attenuation(view_of(), plain), plain.attenuation())
     for effects in (
         WaterEffects(water_type="II"), WaterEffects(plume=0.4), WaterEffects(layer=0.3),
     ):
         water = Water(0.1, 3.0, None, effects)
-        beta = effective_attenuation(RANGES, GEOMETRY, water)
-        transmission, _ = path_transmission(RANGES, GEOMETRY, water)
+        beta = effective_attenuation(view_of(), water)
+        transmission, _ = path_transmission(view_of(), water)
         for c in range(3):
             def misfit(rate: float, c: int = c, t: np.ndarray = transmission) -> float:
-                return float(np.square(t[..., c] - np.exp(-rate * RANGES)).sum())
+                return float(np.square(t[:, c] - np.exp(-rate * RANGES.ravel())).sum())
 
             assert misfit(beta[c]) < min(misfit(1.005 * beta[c]), misfit(0.995 * beta[c]))
 

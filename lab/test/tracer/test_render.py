@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
+from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
 from uw_visibility_lab.simulation.camera import Pose
-from uw_visibility_lab.simulation.frame import Renderer
 from uw_visibility_lab.simulation.raycast import on_floor
 from uw_visibility_lab.simulation.scene import reef
+from uw_visibility_lab.simulation.view import look
 from uw_visibility_lab.tracer.files import load
 from uw_visibility_lab.tracer.render import (
     Geometry,
@@ -92,8 +93,8 @@ def test_black_surfaces_leave_no_light_where_nothing_scatters(tracer) -> None:
 def test_ranges_are_those_of_the_ray_caster_over_the_same_reef(tracer) -> None:
     geometry, scene = tracer.geometry(4), reef(2, 0.0, boulders=0.25, corals=0.0)
     above = 1.8 + on_floor(scene, scene.heights, 0.0, 0.0)
-    cast = Renderer(camera_of(32, 24)).look(
-        scene, camera_of(32, 24), Pose((0.0, 0.0, above), tilt=np.radians(40.0)), 0.0).view.range
+    pose = Pose((0.0, 0.0, above), tilt=np.radians(40.0))
+    cast = look(scene, camera_of(32, 24), pose, Workers(1)).range
     off = np.abs(geometry.ranges / cast - 1.0)
     assert np.median(off) < 0.002
     # Others have an edge within.

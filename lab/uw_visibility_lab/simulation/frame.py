@@ -15,9 +15,8 @@ from uw_visibility.images.arrays import Array, Image8, Map
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility_lab.simulation.camera import CameraEffects, Pose, Sensor, StereoCamera
 from uw_visibility_lab.simulation.effects import add_caustics, add_snow, drift
-from uw_visibility_lab.simulation.formation import Geometry, effective_attenuation, form_image
+from uw_visibility_lab.simulation.formation import effective_attenuation, form_image
 from uw_visibility_lab.simulation.lamp_light import (
-    CameraView,
     check_water,
     direct_light,
     exposure_for,
@@ -90,19 +89,17 @@ class Renderer:
         index: int = 0,
     ) -> RenderedFrame:
         """Render one frame; its number is for lamps that strobe, its time (s) for caustics."""
-        if self.lighting.lamps:
-            check_water(water)
-        seen = [self.look(scene, self.camera, pose, k * self.camera.baseline) for k in (0, 1)]
-        views, geometry = [each.view for each in seen], seen[0].geometry
-        if self.effects.caustics > 0.0:
-            for each in seen:
-                self._shine(each, scene, time)
-        lamps = self.lighting.of_frame(index, seed)
-        with_lamps, exposure = bool(self.lighting.lamps), 1.0
+        lamps, with_lamps = self.lighting.of_frame(index, seed), bool(self.lighting.lamps)
         if with_lamps:
-            light, exposure = self._expose_lamps(seen, water, lamps, seed)
-        else:
-            light = self.daylight(views, geometry, water, seed)
+            check_water(water)
+        views = [look(scene, self.camera, pose, self.workers, right=side) for side in (False, True)]
+        if self.effects.caustics > 0.0:
+            for view in views:
+                with np.errstate(invalid="ignore"):  # open water is infinitely far
+                    points = view.eye + view.ranges[:, np.newaxis] * (view.rays @ view.rotation.T)
+                add_caustics(
+                    view.radiance, points, scene.lattice, self.effects.caustics, time)
+        light, exposure = self.expose(views, water, lamps, seed)
         images, gains = self.record(light, seed)
         disparities = [
             self.camera.rig.disparity_from_range(
@@ -112,11 +109,11 @@ class Renderer:
         radiances = [
             np.where(
                 np.isfinite(v.range)[..., np.newaxis],
-                v.reflectance if with_lamps else v.radiance, np.float32(1.0),
+                v.middles(v.reflectance if with_lamps else v.radiance), np.float32(1.0),
             )
             for v in views
         ]
-        attenuation = effective_attenuation(views[0].range, geometry, water)
+        attenuation = effective_attenuation(views[0], water)
         daylight = replace(water, exposure=1.0) if with_lamps else water
         scale = exposure * gains * float(self.lighting.daylight)
         return RenderedFrame(
@@ -126,13 +123,23 @@ class Renderer:
             tuple(lamp.scaled(exposure * gains) for lamp in lamps),
         )
 
-    def daylight(
-        self, views: Sequence[View], geometry: Geometry, water: Water, seed: int
-    ) -> list[Map]:
-        """Return the irradiance of the left view, or of both, with marine snow in it."""
-        light = [form_image(view, geometry, water) for view in views]
-        self._add_snow(light, views, water.ambient_light(), (), water, seed)
-        return light
+    def expose(
+        self, views: Sequence[View], water: Water, lamps: tuple[Lamp, ...], seed: int
+    ) -> tuple[list[Map], float]:
+        """Return the irradiance of the left view, or of both, with marine snow, and the exposure.
+
+        By daylight that is 1: the water has one.
+        """
+        source = replace(water, exposure=1.0) if self.lighting.lamps else water
+        # The lamps as each camera sees them.
+        seen = [seen_from(lamps, side * self.camera.baseline) for side in range(len(views))]
+        light = [self._light(*each, source) for each in zip(views, seen, strict=True)]
+        exposure = 1.0
+        if self.lighting.lamps:
+            exposure = exposure_for(light[0], EXPOSED) if water.exposure is None else water.exposure
+        if self.effects.marine_snow > 0.0:
+            self._add_snow(light, views, seen, source, seed)
+        return [irradiance * np.float32(exposure) for irradiance in light], exposure
 
     def record(self, light: Sequence[Map], seed: int) -> tuple[list[Image8], Array]:
         """Return what the camera makes of the views' irradiance, and its gains."""
@@ -153,64 +160,34 @@ class Renderer:
             width, height, self.camera.focal_length * width / self.camera.width,
             self.camera.baseline,
         )
-        seen = self.look(scene, small, pose, 0.0)
-        light = self._lamp_light(seen, replace(water, exposure=1.0), self.lighting.lamps)
+        view = look(scene, small, pose, self.workers)
+        light = self._light(view, self.lighting.lamps, replace(water, exposure=1.0))
         return exposure_for(light, EXPOSED)
 
-    def look(self, scene: Scene, camera: StereoCamera, pose: Pose, offset: float) -> CameraView:
-        """Return what a camera at an offset (m) from the left one sees in air."""
-        rotation = pose.rotation()
-        eye = np.array(pose.position) + offset * rotation[:, 0]
-        rays = camera.rig.ray_directions((camera.height, camera.width))
-        view = look(scene, camera, eye, rotation, self.workers)
-        geometry = Geometry.of_rays(rays, rotation[2], pose.position[2])
-        return CameraView(view, geometry, rays, eye, rotation, offset)
-
-    def _shine(self, seen: CameraView, scene: Scene, time: float) -> None:
-        view, rays = seen.view, seen.rays @ seen.rotation.T
-        with np.errstate(invalid="ignore"):  # open water is infinitely far
-            points = seen.eye + view.range[..., np.newaxis] * rays
-            quarters = seen.eye + view.edge_range[..., np.newaxis] * rays[view.edges][:, np.newaxis]
-        for radiance, where in ((view.radiance, points), (view.edge_radiance, quarters)):
-            add_caustics(
-                radiance.reshape(-1, 3), where.reshape(-1, 3), scene.lattice,
-                self.effects.caustics, time)
-
-    def _expose_lamps(
-        self, seen: list[CameraView], water: Water, lamps: tuple[Lamp, ...], seed: int,
-    ) -> tuple[list[Map], float]:
-        """Return both images' irradiance under lamps, with snow, and the exposure."""
-        source = replace(water, exposure=1.0)
-        light = [self._lamp_light(each, source, lamps) for each in seen]
-        exposure = exposure_for(light[0], EXPOSED) if water.exposure is None else water.exposure
-        background = float(self.lighting.daylight) * source.ambient_light()
-        self._add_snow(light, [each.view for each in seen], background, lamps, source, seed)
-        return [irradiance * np.float32(exposure) for irradiance in light], exposure
+    def _light(self, view: View, lamps: Sequence[Lamp], water: Water) -> Map:
+        """Return the irradiance of an image by all light there is."""
+        if not self.lighting.lamps:
+            return form_image(view, water)
+        irradiance = form_lamp_image(view, water, self.lighting, lamps, self.workers)
+        if self.lighting.daylight:
+            irradiance += form_image(view, water)
+        return irradiance
 
     def _add_snow(
-        self, light: Sequence[Map], views: Sequence[View], background: Array,
-        lamps: tuple[Lamp, ...], water: Water, seed: int,
+        self, light: Sequence[Map], views: Sequence[View], seen: Sequence[tuple[Lamp, ...]],
+        water: Water, seed: int,
     ) -> None:
-        """Draw white particles into images, in daylight of a background (RGB) and by lamps."""
-        if self.effects.marine_snow == 0.0:
-            return
+        """Draw white particles into images, in daylight and by the lamps that each camera sees."""
         snow = drift(self.camera, self.effects.marine_snow, np.random.default_rng([seed, 2]))
-        for side, (irradiance, view) in enumerate(zip(light, views, strict=True)):
-            offset = side * self.camera.baseline
-            points = snow.places - np.array([offset, 0.0, 0.0])
+        background = float(self.lighting.daylight) * water.ambient_light()
+        for side, (irradiance, view, lamps) in enumerate(zip(light, views, seen, strict=True)):
+            points = snow.places - np.array([side * self.camera.baseline, 0.0, 0.0])
             away = np.linalg.norm(points, axis=1)
             colours = background + direct_light(
-                points / away[:, np.newaxis], away, None, seen_from(lamps, offset),
-                water.attenuation())
+                points / away[:, np.newaxis], away, None, lamps, water.attenuation())
             add_snow(
                 irradiance, view.range, self.camera, snow, points,
                 self.effects.snow_brightness * colours)
-
-    def _lamp_light(self, seen: CameraView, water: Water, lamps: tuple[Lamp, ...]) -> Map:
-        irradiance = form_lamp_image(seen, water, self.lighting, lamps, self.workers)
-        if self.lighting.daylight:
-            irradiance += form_image(seen.view, seen.geometry, water)
-        return irradiance
 
 
 def mean_attenuation(attenuation: Array, water: Water) -> float:

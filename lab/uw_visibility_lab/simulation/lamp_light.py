@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,7 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.lighting import beam_falloff
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, Map
-from uw_visibility_lab.simulation.formation import Geometry, blur_by_range
+from uw_visibility_lab.simulation.formation import blur_by_range
 from uw_visibility_lab.simulation.lamps import Lamp, Lighting
 from uw_visibility_lab.simulation.phase_functions import phase_table
 from uw_visibility_lab.simulation.view import View
@@ -93,7 +93,10 @@ def scatter(
     rays: Array, ranges: Map, lamps: Sequence[Lamp], beta: Array, scattering: Array,
     phase_function: str, workers: Workers,
 ) -> Map:
-    """Backscatter: light of the lamps that the water scatters (b in 1/m, RGB) to the camera."""
+    """Backscatter: light of the lamps that the water scatters (b in 1/m, RGB) to the camera.
+
+    rays, ranges: as in `direct_light`.
+    """
     scattered = np.zeros((*ranges.shape, 3), np.float32)
     if not scattering.any():
         return scattered
@@ -110,8 +113,8 @@ def scatter(
     widening = math.sqrt(narrowest / beam_falloff(60.0))
     nodes, weights = np.polynomial.legendre.leggauss(math.ceil(NODES * max(1.0, widening)))
     workers.rows(
-        _scatter, len(rays), rays, ranges, rows, beta, scattering,
-        phase_table(phase_function), nodes, weights, scattered,
+        _scatter, ranges.size, rays.reshape(-1, 3), ranges.ravel(), rows, beta, scattering,
+        phase_table(phase_function), nodes, weights, scattered.reshape(-1, 3),
     )
     return scattered
 
@@ -122,51 +125,38 @@ def _scatter(
     phase: Any, nodes: Any, weights: Any, scattered: Any,
 ) -> None:
     per_angle = (len(phase) - 1) / math.pi
-    for row in range(start, stop):
-        for column in range(ranges.shape[1]):
-            ray, distance = rays[row, column], float(ranges[row, column])
-            for lamp in lamps:
-                along = lamp[0] * ray[0] + lamp[1] * ray[1] + lamp[2] * ray[2]
-                # From the lamp to the point of the ray that is nearest to it.
-                ax, ay, az = (
-                    along * ray[0] - lamp[0], along * ray[1] - lamp[1], along * ray[2] - lamp[2])
-                h = max(math.sqrt(ax * ax + ay * ay + az * az), 1e-6)
-                across = (ax * lamp[3] + ay * lamp[4] + az * lamp[5]) / h
-                onwards = ray[0] * lamp[3] + ray[1] * lamp[4] + ray[2] * lamp[5]
-                first, last = math.atan(-along / h), math.atan((distance - along) / h)
-                half, middle = 0.5 * (last - first), 0.5 * (last + first)
-                red = green = blue = 0.0
-                for k in range(len(nodes)):
-                    t = middle + half * nodes[k]
-                    sine, cosine = math.sin(t), math.cos(t)
-                    place = (t + 0.5 * math.pi) * per_angle
-                    index = index_of(place, 0, len(phase) - 2)
-                    light = phase[index] + (place - index) * (phase[index + 1] - phase[index])
-                    if lamp[6] > 0.0:
-                        angle = math.acos(
-                            min(max(across * cosine + onwards * sine, -1.0), 1.0))
-                        light *= math.exp(-lamp[6] * angle * angle)
-                    light *= weights[k]
-                    path = along + h * (sine + 1.0) / cosine
-                    red += light * math.exp(-beta[0] * path)
-                    green += light * math.exp(-beta[1] * path)
-                    blue += light * math.exp(-beta[2] * path)
-                scale = math.pi * half / h
-                scattered[row, column, 0] += scale * lamp[7] * scattering[0] * red
-                scattered[row, column, 1] += scale * lamp[8] * scattering[1] * green
-                scattered[row, column, 2] += scale * lamp[9] * scattering[2] * blue
-
-
-@dataclass(frozen=True)
-class CameraView:
-    """One camera of the vehicle, and what it sees in air."""
-
-    view: View
-    geometry: Geometry
-    rays: Array  # (H, W, 3); unit directions of its pixels in its optical frame
-    eye: Array  # (3,); position in the world, m
-    rotation: Array  # (3, 3); axes of its optical frame in the world, as columns
-    offset: float  # its place on the left camera's x axis, m
+    for sample in range(start, stop):
+        ray, distance = rays[sample], float(ranges[sample])
+        for lamp in lamps:
+            along = lamp[0] * ray[0] + lamp[1] * ray[1] + lamp[2] * ray[2]
+            # From the lamp to the point of the ray that is nearest to it.
+            ax, ay, az = (
+                along * ray[0] - lamp[0], along * ray[1] - lamp[1], along * ray[2] - lamp[2])
+            h = max(math.sqrt(ax * ax + ay * ay + az * az), 1e-6)
+            across = (ax * lamp[3] + ay * lamp[4] + az * lamp[5]) / h
+            onwards = ray[0] * lamp[3] + ray[1] * lamp[4] + ray[2] * lamp[5]
+            first, last = math.atan(-along / h), math.atan((distance - along) / h)
+            half, middle = 0.5 * (last - first), 0.5 * (last + first)
+            red = green = blue = 0.0
+            for k in range(len(nodes)):
+                t = middle + half * nodes[k]
+                sine, cosine = math.sin(t), math.cos(t)
+                place = (t + 0.5 * math.pi) * per_angle
+                index = index_of(place, 0, len(phase) - 2)
+                light = phase[index] + (place - index) * (phase[index + 1] - phase[index])
+                if lamp[6] > 0.0:
+                    angle = math.acos(
+                        min(max(across * cosine + onwards * sine, -1.0), 1.0))
+                    light *= math.exp(-lamp[6] * angle * angle)
+                light *= weights[k]
+                path = along + h * (sine + 1.0) / cosine
+                red += light * math.exp(-beta[0] * path)
+                green += light * math.exp(-beta[1] * path)
+                blue += light * math.exp(-beta[2] * path)
+            scale = math.pi * half / h
+            scattered[sample, 0] += scale * lamp[7] * scattering[0] * red
+            scattered[sample, 1] += scale * lamp[8] * scattering[1] * green
+            scattered[sample, 2] += scale * lamp[9] * scattering[2] * blue
 
 
 def check_water(water: Water) -> None:
@@ -180,27 +170,16 @@ def check_water(water: Water) -> None:
 
 
 def form_lamp_image(
-    lit: CameraView, water: Water, lighting: Lighting, lamps: tuple[Lamp, ...], workers: Workers
+    view: View, water: Water, lighting: Lighting, lamps: Sequence[Lamp], workers: Workers
 ) -> Map:
-    """Irradiance of an image by the light of lamps alone; 0 without lamps."""
-    view = lit.view
+    """Irradiance of an image by the light of lamps alone, which are told in the camera's frame."""
     beta = water.attenuation()
-    scattering = beta * lighting.scattering_albedo
-    lamps = seen_from(lamps, lit.offset)
-
-    def parts(rays: Array, ranges: Map, reflectance: Map, normals: Map) -> tuple[Map, Map]:
-        facing = normals @ lit.rotation if lighting.shaded else None
-        return (
-            reflectance * direct_light(rays, ranges, facing, lamps, beta),
-            scatter(rays, ranges, lamps, beta, scattering, lighting.phase_function, workers),
-        )
-
-    direct, veil = parts(lit.rays, view.range, view.reflectance, view.normals)
-    if len(view.edge_range) > 0:
-        # A pixel at an edge is the mean of what its quarters see.
-        quarters = np.repeat(lit.rays[view.edges][:, np.newaxis], 4, axis=1)
-        edges = parts(quarters, view.edge_range, view.edge_reflectance, view.edge_normals)
-        direct[view.edges], veil[view.edges] = (part.mean(axis=1) for part in edges)
+    facing = view.normals @ view.rotation if lighting.shaded else None
+    direct = view.image(
+        view.reflectance * direct_light(view.rays, view.ranges, facing, lamps, beta))
+    veil = view.image(scatter(
+        view.rays, view.ranges, lamps, beta, beta * lighting.scattering_albedo,
+        lighting.phase_function, workers))
     if water.effects.blur > 0.0:
         direct = blur_by_range(direct, view.range, water.effects.blur)
     return direct + veil

@@ -113,19 +113,6 @@ def nearest_shape(
 
 
 @njit(nogil=True, error_model="numpy")
-def nearest(
-    scene: Scene, candidates: Any, eye: Any, dx: float, dy: float, dz: float, limit: float
-) -> tuple[float, int]:
-    """Nearest intersection of a ray: its distance, and the shape."""
-    best, hit = nearest_shape(scene.shapes, candidates, eye[0], eye[1], eye[2], dx, dy, dz)
-    limit = min(best, limit)
-    t = floor_distance(scene, eye, dx, dy, dz, limit)
-    if t < limit:
-        return t, FLOOR
-    return (best, hit) if best <= limit else (math.inf, NOTHING)
-
-
-@njit(nogil=True, error_model="numpy")
 def look_at(
     scene: Scene, hit: int, px: float, py: float, pz: float, footprint: float,
     view: tuple[float, float, float], seen: Any,

@@ -17,8 +17,14 @@ from numpy.typing import NDArray
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import Array, Map, Mask
-from uw_visibility_lab.simulation.camera import StereoCamera
-from uw_visibility_lab.simulation.raycast import NOTHING, look_at, nearest
+from uw_visibility_lab.simulation.camera import Pose, StereoCamera
+from uw_visibility_lab.simulation.raycast import (
+    FLOOR,
+    NOTHING,
+    floor_distance,
+    look_at,
+    nearest_shape,
+)
 from uw_visibility_lab.simulation.scene import Scene
 
 MAX_RANGE = 40.0
@@ -33,64 +39,85 @@ TILE = 16
 
 @dataclass(frozen=True)
 class View:
-    """One camera's view of a scene, in air."""
+    """One camera's view of a scene, in air: a sample for each pixel, and four more at edges.
 
-    range: Map  # (H, W); distance along the ray through each pixel's centre in m; inf = open water
-    radiance: Map  # (H, W, 3); normalised radiance in daylight at its end; 0 for open water
-    reflectance: Map  # (H, W, 3); reflectance there
-    normals: Map  # (H, W, 3); outward unit normals there, in the world's axes
-    # (n,); rows and columns of pixels that see more than one surface
-    edges: tuple[NDArray[np.int64], NDArray[np.int64]]
-    # edge_range: (n, 4), others (n, 4, 3); the same in each quarter of these pixels
-    edge_range: Map
-    edge_radiance: Map
-    edge_reflectance: Map
-    edge_normals: Map
+    Those of the pixels come first, row by row, each along its pixel's middle; then those of the
+    quarters of each pixel that sees more than one surface.
+    """
+
+    shape: tuple[int, int]  # rows and columns of the image
+    pixel: NDArray[np.int64]  # (n,); of each sample, row by row
+    rays: Array  # (n, 3); unit directions of the pixels in the camera's optical frame
+    ranges: Map  # (n,); distance along the ray in m; inf = open water
+    radiance: Map  # (n, 3); normalised radiance in daylight at its end; 0 for open water
+    reflectance: Map  # (n, 3); reflectance there
+    normals: Map  # (n, 3); outward unit normals there, in the world's axes
+    eye: Array  # (3,); the camera's position in the world, m
+    rotation: Array  # (3, 3); axes of its optical frame in the world, as columns
 
     @classmethod
-    def of_pixels(cls, radiance: Map, ranges: Map) -> View:
+    def of_pixels(cls, camera: StereoCamera, pose: Pose, radiance: Map, ranges: Map) -> View:
         """Take an image in daylight and its ranges, each pixel a sample of one surface."""
-        nowhere, none = np.zeros(0, np.int64), np.zeros((0, 4, 3), np.float32)
+        colours, rays = radiance.reshape(-1, 3), camera.rig.ray_directions(ranges.shape)
         return cls(
-            ranges, radiance, radiance, np.zeros_like(radiance), (nowhere, nowhere),
-            none[..., 0], none, none, none)
+            (camera.height, camera.width), np.arange(ranges.size), rays.reshape(-1, 3),
+            ranges.ravel(), colours, colours, np.zeros_like(colours), np.array(pose.position),
+            pose.rotation())
+
+    @property
+    def range(self) -> Map:
+        """Distance along the ray through each pixel's middle in m, (H, W)."""
+        return self.middles(self.ranges)
+
+    def middles(self, values: Map) -> Map:
+        """Return values of samples at the pixels' middles, (H, W, ...)."""
+        return values[:math.prod(self.shape)].reshape(*self.shape, *values.shape[1:])
+
+    def image(self, values: Map) -> Map:
+        """Return values of samples (n, 3) as an image; an edge is the mean of its quarters."""
+        pixels = math.prod(self.shape)
+        image = values[:pixels].copy()
+        image[self.pixel[pixels::4]] = values[pixels:].reshape(-1, 4, 3).mean(axis=1)
+        return image.reshape(*self.shape, 3)
 
 
 def look(
-    scene: Scene, camera: StereoCamera, eye: Array, rotation: Array, workers: Workers
+    scene: Scene, camera: StereoCamera, pose: Pose, workers: Workers, *, right: bool = False
 ) -> View:
     """Cast the rays of one camera: one per pixel, and four more where surfaces meet.
 
     Elsewhere textures are smoothed to the pixel's footprint, which one ray can sample.
-    rotation: axes of the optical frame as columns.
+    pose: of the left camera.
     """
-    size = (camera.height, camera.width)
+    size, rotation = (camera.height, camera.width), pose.rotation()
+    eye = np.array(pose.position) + right * camera.baseline * rotation[:, 0]
     bounds = scene.shapes[:, [1, 2, 3, 16]]
     tiles = assign_to_tiles(bounds, camera, eye, rotation, MAX_RANGE)
     optics = np.array([camera.focal_length, *camera.principal_point])
 
-    def cast(
-        rows: NDArray[np.floating], columns: NDArray[np.floating]
-    ) -> tuple[Map, NDArray[np.int32], tuple[Map, Map, Map]]:
+    def cast(rows: Array, columns: Array) -> tuple[Map, NDArray[np.int32], Map]:
         """Range, surface, and what `look_at` sees of the rays through points of the image."""
-        ranges, hits = np.empty(rows.shape, np.float32), np.empty(rows.shape, np.int32)
-        seen = np.zeros((*rows.shape, 9), np.float32)
+        ranges, hits = np.empty(rows.size, np.float32), np.empty(rows.size, np.int32)
+        seen = np.zeros((rows.size, 9), np.float32)
         if rows.size > 0:
             workers.rows(
-                _cast, rows.size, scene, tiles, eye, rotation, optics, columns.ravel(),
-                rows.ravel(), ranges.ravel(), hits.ravel(), seen.reshape(-1, 9))
-        radiance, reflectance, normals = np.split(seen, 3, axis=-1)
-        return ranges, hits, (
-            np.ascontiguousarray(radiance), np.ascontiguousarray(reflectance),
-            np.ascontiguousarray(normals))
+                _cast, rows.size, scene, tiles, eye, rotation, optics, columns, rows, ranges, hits,
+                seen)
+        return ranges, hits, seen
 
-    v, u = np.indices(size, np.float64)
+    v, u = (part.ravel() for part in np.indices(size, np.float64))
     ranges, hits, seen = cast(v, u)
-    rows, columns = np.nonzero(_edges(ranges, hits))
-    edge_range, _, edge_seen = cast(
-        rows[:, np.newaxis] + np.array([-0.25, -0.25, 0.25, 0.25]),
-        columns[:, np.newaxis] + np.array([-0.25, 0.25, -0.25, 0.25]))
-    return View(ranges, *seen, (rows, columns), edge_range, *edge_seen)
+    edges = np.flatnonzero(_edges(ranges.reshape(size), hits.reshape(size)))
+    pixel = np.concatenate([np.arange(ranges.size), np.repeat(edges, 4)])
+    quarters = pixel[ranges.size:]
+    part_ranges, _, part_seen = cast(
+        v[quarters] + np.tile([-0.25, -0.25, 0.25, 0.25], edges.size),
+        u[quarters] + np.tile([-0.25, 0.25, -0.25, 0.25], edges.size))
+    radiance, reflectance, normals = map(
+        np.ascontiguousarray, np.split(np.concatenate([seen, part_seen]), 3, axis=1))
+    return View(
+        size, pixel, camera.rig.ray_directions(size).reshape(-1, 3)[pixel],
+        np.concatenate([ranges, part_ranges]), radiance, reflectance, normals, eye, rotation)
 
 
 def _edges(ranges: Map, hits: NDArray[np.int32]) -> Mask:
@@ -121,7 +148,12 @@ def _cast(
         dz = (rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2]) * length
         tile = (int(v + 0.5) // TILE) * tiles.columns + int(u + 0.5) // TILE
         candidates = tiles.shapes[tiles.offsets[tile]:tiles.offsets[tile + 1]]
-        t, hit = nearest(scene, candidates, eye, dx, dy, dz, MAX_RANGE)
+        t, hit = nearest_shape(scene.shapes, candidates, eye[0], eye[1], eye[2], dx, dy, dz)
+        floor = floor_distance(scene, eye, dx, dy, dz, min(t, MAX_RANGE))
+        if floor < min(t, MAX_RANGE):
+            t, hit = floor, FLOOR
+        elif t > MAX_RANGE:
+            t, hit = math.inf, NOTHING
         if hit != NOTHING:
             look_at(
                 scene, hit, eye[0] + t * dx, eye[1] + t * dy, eye[2] + t * dz,

@@ -16,8 +16,8 @@ from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.derived import QUANTITIES, DerivedModel
 from uw_visibility_lab.simulation.camera import Pose, StereoCamera
 from uw_visibility_lab.simulation.formation import form_image
-from uw_visibility_lab.simulation.frame import Renderer
 from uw_visibility_lab.simulation.scene import reef
+from uw_visibility_lab.simulation.view import look
 from uw_visibility_lab.simulation.water import Water, WaterEffects
 
 MODEL = DerivedModel(PipelineConfig())
@@ -95,14 +95,14 @@ def test_types_are_found_in_images_rendered_with_their_spectra():
     """Right or a neighbour in nine of ten, where the standard deviation says it can be told."""
     right, told = 0, 0
     camera = StereoCamera(480, 360, 450.0, 0.12)
-    seen = Renderer(camera, workers=Workers(1)).look(
-        reef(0, length=0.0), camera, Pose((0.0, 0.0, 1.6), tilt=np.radians(30.0)), 0.0)
-    ranges = seen.view.range
-    disparity = camera.rig.disparity_from_range(np.where(np.isfinite(ranges), ranges, np.nan))
+    pose = Pose((0.0, 0.0, 1.6), tilt=np.radians(30.0))
+    seen = look(reef(0, length=0.0), camera, pose, Workers(1))
+    disparity = camera.rig.disparity_from_range(
+        np.where(np.isfinite(seen.range), seen.range, np.nan))
     for name in water_types():
         for depth in (2.0, 8.0):
             water = Water(0.0, depth, None, WaterEffects(water_type=name))
-            image = np.round(255 * form_image(seen.view, seen.geometry, water))
+            image = np.round(255 * form_image(seen, water))
             found = estimate_water(
                 image.clip(0, 255).astype(np.uint8), disparity, camera.rig,
                 disparity_stddev=0.0).derived
