@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.errors import InputError
-from uw_visibility_lab.tracer.truth import (
+from uw_visibility_lab.tracer.files import (
     fit_decay,
     open_water,
     range_bins,
