@@ -62,8 +62,7 @@ class BandAverages:
 
     # (3,); daylight at depth for a camera that is balanced at the surface, where it is 1
     light: Array
-    path: Array  # (n,); ranges in m, rising from 0
-    log_transmission: Array  # (n, 3); logarithm of the band-averaged transmission over these ranges
+    log_transmission: Array  # (n, 3); logarithm of the band-averaged transmission over `_PATHS`
     log_unveiled: Array  # (n, 3); logarithm of what the veil lacks of its value at infinity
 
     def transmission(self, ranges: NDArray[np.floating]) -> Array:
@@ -76,7 +75,7 @@ class BandAverages:
 
     def _interpolate(self, ranges: NDArray[np.floating], table: Array) -> Array:
         flat = np.asarray(ranges, dtype=np.float64).ravel()
-        values = np.stack([np.exp(np.interp(flat, self.path, table[:, c])) for c in range(3)], 1)
+        values = np.stack([np.exp(np.interp(flat, _PATHS, table[:, c])) for c in range(3)], 1)
         values[np.isinf(flat)] = 0.0
         return values.reshape((*np.shape(ranges), 3))
 
@@ -111,7 +110,7 @@ def band_averages(
             np.maximum(np.log(decay @ w / w.sum(axis=0)), -700.0)
             for w in (weights, veil_weights)
         )
-    return BandAverages(light, _PATHS, transmission, unveiled)
+    return BandAverages(light, transmission, unveiled)
 
 
 def _spectrum(water_type: str) -> tuple[Array, Array, Array]:
@@ -195,7 +194,7 @@ class Water:
         """Return β in 1/m, RGB, without layer and plume; of a spectrum, that at range zero."""
         bands = self.bands()
         if bands is not None:
-            return np.asarray(-bands.log_transmission[1] / bands.path[1])
+            return np.asarray(-bands.log_transmission[1] / _PATHS[1])
         clear = clear_water_attenuation(load_response(RESPONSE))
         return np.asarray(clear + self.mean_attenuation + self.effects.channel_attenuation)
 
