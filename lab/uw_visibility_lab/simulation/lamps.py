@@ -57,19 +57,14 @@ class Lamp:
     power: Triple = (POWER, POWER, POWER)
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.position).all():
-            raise InputError(f"position of a lamp is {_listed(self.position)} m: give numbers")
-        if not (np.isfinite(self.direction).all() and np.linalg.norm(self.direction) > 1e-9):
-            raise InputError(
-                f"direction of a lamp is {_listed(self.direction)}: give a vector that is not 0")
-        if self.beam_angle != 0.0 and not 5.0 <= self.beam_angle <= 360.0:
-            raise InputError(
-                f"beam of a lamp is {self.beam_angle:g} degrees: give 5 to 360, or 0 for the "
-                "same in all directions"
-            )
-        if not all(0.0 <= power < math.inf for power in self.power) or not any(self.power):
-            raise InputError(
-                f"power of a lamp is {_listed(self.power)}: give numbers from 0, not all 0")
+        check_range("coordinates of a lamp's position", self.position, -1e6, 1e6, "m")
+        check_range("length of a lamp's direction", float(np.linalg.norm(self.direction)), 1e-9)
+        if self.beam_angle != 0.0:
+            check_range(
+                "beam of a lamp, unless 0 for all directions,", self.beam_angle, 5.0, 360.0,
+                "degrees")
+        check_range("powers of a lamp", self.power, 0.0)
+        check_range("largest power of a lamp", max(self.power), 0.0, above=True)
 
     @property
     def axis(self) -> Array:
@@ -168,7 +163,3 @@ def lighting_parameters(lamps: tuple[Lamp, ...], daylight: bool) -> dict[str, An
         "lighting.beam_angles": [float(lamp.beam_angle) for lamp in lamps],
         "lighting.colours": [float(v / strongest) for lamp in lamps for v in lamp.power],
     }
-
-
-def _listed(values: tuple[float, ...]) -> str:
-    return ", ".join(f"{value:g}" for value in values)
