@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
-from uw_visibility_lab.worlds.water import RESPONSES, draw_water
+from uw_visibility_lab.worlds.water import PATHS, RESPONSES, draw_water
 
 MANY = 300
 
@@ -44,11 +44,10 @@ def test_veil_and_light_are_one_in_a_share_of_waters() -> None:
 
 def test_band_averages_clear_with_range() -> None:
     for water in waters(spectrum=True)[:50]:
-        assert water.log_transmission is not None and water.log_unveiled is not None
-        for table in (water.log_transmission, water.log_unveiled):
-            rate = -table[1:20] / water.path[1:20, np.newaxis]
+        for table in water.tables:
+            rate = -table[1:20] / PATHS[1:20, np.newaxis]
             assert (np.diff(rate, axis=0) <= 1e-9).all()
-        start = -water.log_transmission[1] / water.path[1]
+        start = -water.tables[0][1] / PATHS[1]
         assert start == pytest.approx(water.attenuation, rel=0.02)
 
 

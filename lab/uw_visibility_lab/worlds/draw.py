@@ -24,7 +24,7 @@ from uw_visibility_lab.worlds.camera import draw_curve, record, told_linear
 from uw_visibility_lab.worlds.lamps import light_by_lamps
 from uw_visibility_lab.worlds.ranging import measure_ranges
 from uw_visibility_lab.worlds.scenes import SIZE, Scene
-from uw_visibility_lab.worlds.water import Water, draw_water
+from uw_visibility_lab.worlds.water import PATHS, Water, draw_water
 
 EFFECTS: tuple[str, ...] = tuple(
     name.partition(".")[2] for name in believed.beliefs()
@@ -395,21 +395,20 @@ def _transmissions(
         common = 1.0 + drawn(rng, "veil.coefficient")
         veil_factor = np.array([
             common + drawn(rng, "veil.coefficient_channel") for _ in range(3)])
-    if water.log_transmission is None or water.log_unveiled is None:
+    if water.tables is None:
         transmission = _exp(path * -water.attenuation.astype(np.float32))
         if veil_factor is None:
             unveiled = transmission
         else:
             unveiled = _exp(path * -(water.attenuation * veil_factor).astype(np.float32))
     else:
-        transmission = _look_up(path[..., 0], water.path, water.log_transmission)
-        unveiled = _look_up(path[..., 0], water.path, water.log_unveiled)
+        transmission, unveiled = (_look_up(path[..., 0], table) for table in water.tables)
         if veil_factor is not None:
             unveiled = cv2.exp(cv2.log(np.maximum(unveiled, 1e-30)) * veil_factor.astype(
                 np.float32))
             unveiled[~known] = 0.0
     attenuation = water.attenuation
-    if thicker is not None or water.log_transmission is not None:
+    if thicker is not None or water.tables is not None:
         distances, seen = ranges[known], transmission[known]
         step = max(len(distances) // 2000, 1)
         attenuation = fit_attenuation(distances[::step], seen[::step])
@@ -421,13 +420,13 @@ def _exp(exponent: NDArray[Any]) -> Map:
     return np.asarray(cv2.exp(np.maximum(exponent, np.float32(-80.0))), np.float32)
 
 
-def _look_up(ranges: Map, path: Array, logarithm: Array) -> Map:
-    """Interpolate tables (n, 3) over ranges in equal steps of their root, (H, W, 3); 0 at inf."""
+def _look_up(ranges: Map, logarithm: Array) -> Map:
+    """Look a table over `PATHS` up, in equal steps of the root of range, (H, W, 3); 0 at inf."""
     known = np.isfinite(ranges)
     most = float(ranges[known].max())
     roots = np.linspace(0.0, math.sqrt(most), _LOOKUP)
     table = np.stack(
-        [np.exp(np.interp(roots**2, path, logarithm[:, c])) for c in range(3)], 1)
+        [np.exp(np.interp(roots**2, PATHS, logarithm[:, c])) for c in range(3)], 1)
     table = np.concatenate([table, np.zeros((1, 3))]).astype(np.float32)
     place = np.full(ranges.shape, _LOOKUP, np.int32)
     place[known] = np.rint(np.sqrt(ranges[known]) * ((_LOOKUP - 1) / math.sqrt(most)))

@@ -26,9 +26,9 @@ from uw_visibility_lab.worlds.beliefs import draw, happens
 RESPONSES = ("nikon_d5100", "generic", "sigma_sdmerrill")
 """In the order of the belief ``camera.response``."""
 
-# Optical paths over which band averages are tabulated; between them their logarithms are nearly
-# straight.
-_PATHS = np.concatenate([[0.0], np.geomspace(0.05, 200.0, 48)])
+PATHS = np.concatenate([[0.0], np.geomspace(0.05, 200.0, 48)])
+"""Ranges over which band averages are tabulated, m; between them their logarithms are nearly
+straight."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,9 @@ class Water:
     ratio: Array  # B/W
     # rate at which light is scattered by a few degrees, 1/m: beam attenuation is β and this
     forward: Array
-    path: Array  # (n,); ranges of the tables, m, rising from 0
-    # log_transmission, log_unveiled: (n, 3); logarithms of the band-averaged transmission, and of
-    # what the veil lacks of its value at infinity; None where β is one number a channel
-    log_transmission: Array | None = None
-    log_unveiled: Array | None = None
+    # (n, 3) each; logarithms of the band-averaged transmission over `PATHS`, and of what the veil
+    # lacks of its value at infinity; None where β is one number a channel
+    tables: tuple[Array, Array] | None = None
 
 
 @cache
@@ -109,20 +107,16 @@ def draw_water(
     share = weights / light
     albedo = (share * (lost / beam)[:, np.newaxis]).sum(0)
     ratio = _draw_ratio(rng, albedo)
-    plain = _camera(name)[0]
-    if not spectrum:
-        attenuation = beam @ plain
-        return Water(
-            depth, clear, attenuation, diffuse @ plain, light, ratio, (kept * scattering) @ plain,
-            _PATHS)
-    decay = np.exp(-np.outer(_PATHS, beam))
-    veil = share * (lost / beam)[:, np.newaxis] / albedo
-    with np.errstate(divide="ignore"):
-        transmission, unveiled = (
-            np.maximum(np.log(decay @ weight), -200.0) for weight in (share, veil))
+    weight, tables = _camera(name)[0], None
+    if spectrum:
+        weight, decay = share, np.exp(-np.outer(PATHS, beam))
+        veil = share * (lost / beam)[:, np.newaxis] / albedo
+        with np.errstate(divide="ignore"):
+            tables = (
+                np.maximum(np.log(decay @ share), -200.0), np.maximum(np.log(decay @ veil), -200.0))
     return Water(
-        depth, clear, beam @ share, diffuse @ share, light, ratio, (kept * scattering) @ share,
-        _PATHS, transmission, unveiled)
+        depth, clear, beam @ weight, diffuse @ weight, light, ratio, (kept * scattering) @ weight,
+        tables)
 
 
 def _paper_water(rng: np.random.Generator, name: str, clear: Array, depth: float) -> Water:
@@ -140,7 +134,7 @@ def _paper_water(rng: np.random.Generator, name: str, clear: Array, depth: float
     return Water(
         depth, clear, attenuation, diffuse, np.exp(-diffuse * depth),
         _draw_ratio(rng, np.ones(3), "veil.as_light_paper"),
-        draw(rng, "water.paper_halo") * particles, _PATHS)
+        draw(rng, "water.paper_halo") * particles)
 
 
 def _draw_spectra(rng: np.random.Generator) -> tuple[Array, Array]:
