@@ -308,8 +308,7 @@ def test_calibrate_replaces_its_own_files_only(
         "calibrate", "--lighting", bag, "-o", picture.with_suffix(".yaml"), "--force")
 
 
-@pytest.mark.parametrize("name", ["fastdds.xml", "node.log", "frames.csv", "frame_001.png",
-                                  "transect/dive.mcap"])
+@pytest.mark.parametrize("name", ["node.log", "frames.csv", "frame_001.png", "transect/dive.mcap"])
 def test_the_demonstration_asks_and_replaces_its_own_only(
     name: str, tmp_path: Path, said: Callable[..., str]
 ) -> None:

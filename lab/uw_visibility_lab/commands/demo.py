@@ -23,7 +23,6 @@ written to DIR:
   frames.csv      a row for each frame
   transect/       the recording
   node.log        what the node printed
-  fastdds.xml     settings of the middleware, so that no image is lost
 
 The node runs with its default parameters, in a ROS domain of its own that stays on
 this machine. Images are stamped as they are sent; the latency is from there to the
@@ -46,7 +45,6 @@ def run(arguments: argparse.Namespace) -> None:
     transect = Transect(frames=arguments.frames, rate=arguments.rate, seed=arguments.seed)
     with needing("ros,report", "the demo"):
         # What needs ROS, recordings and figures.
-        from uw_visibility_lab.demonstration import client  # noqa: F401
         from uw_visibility_lab.demonstration.node_process import NodeDied
         from uw_visibility_lab.demonstration.run import demonstrate
     with refusing(f"cannot make folder {arguments.output}"):

@@ -1,13 +1,15 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Client of the node: plays messages into it, and collects its outputs."""
+"""Client of the node: plays messages into it at their times, and collects its answers."""
 
 from __future__ import annotations
 
 import functools
+import math
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -21,6 +23,20 @@ from rclpy.task import Future
 
 from uw_visibility.messages.stamps import header_stamp, with_stamp
 from uw_visibility.ros.transport.factory import message_type
+from uw_visibility_lab.demonstration.node_process import NodeDied
+
+Check = Callable[[], None]
+"""Called again and again; raises where the work cannot or shall not go on."""
+
+ANSWER = "disparity"
+"""Topic that the node answers every frame with, whatever it can assess."""
+
+START_TIMEOUT = 900.0
+"""How long in s the node may take to start: it may have to compile its kernels, and not alone."""
+
+PROBE_INTERVAL = 10.0
+DRAIN_TIMEOUT = 15.0
+POLL = 0.2
 
 
 class Player:
@@ -59,11 +75,11 @@ class Player:
         return stamp
 
 
-class Arrival(NamedTuple):
-    """Received message with the time of its arrival."""
+class Answer(NamedTuple):
+    """Messages that the node answered one frame with."""
 
-    time: int  # when it came, in ns since 1970
-    data: bytes  # the serialised message
+    messages: Mapping[str, Any]  # by topic; empty where the node did not answer
+    latency: float  # from the stamp to the arrival of the last of them in ms
 
 
 class Collector:
@@ -76,7 +92,8 @@ class Collector:
 
     def __init__(self, node: Node, topics: Mapping[str, str]) -> None:
         self._topics = dict(topics)
-        self._arrivals: dict[str, list[Arrival]] = {topic: [] for topic in topics}
+        # Times of arrival (ns since 1970) and serialised messages, by stamp and topic.
+        self._arrivals: dict[int, dict[str, tuple[int, bytes]]] = defaultdict(dict)
         self._news = threading.Condition()
         qos = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
         for topic, name in topics.items():
@@ -91,29 +108,71 @@ class Collector:
         timeout: in s.
         """
         def arrived() -> bool:
-            return any(header_stamp(a.data) >= stamp for a in self._arrivals[topic])
+            return any(
+                topic in found for given, found in self._arrivals.items() if given >= stamp)
 
         with self._news:
             return self._news.wait_for(arrived, timeout)
 
-    def by_stamp(self) -> dict[int, dict[str, Arrival]]:
-        """Return the arrivals by stamp (ns), then topic."""
-        frames: dict[int, dict[str, Arrival]] = {}
+    def answer(self, stamp: int) -> Answer:
+        """Return what has come of a stamp in ns."""
         with self._news:
-            for topic, arrivals in self._arrivals.items():
-                for arrival in arrivals:
-                    frames.setdefault(header_stamp(arrival.data), {})[topic] = arrival
-        return frames
-
-    def read(self, topic: str, arrival: Arrival) -> Any:
-        """Return the message of an arrival."""
-        return deserialize_message(arrival.data, message_type(self._topics[topic]))
+            arrivals = dict(self._arrivals[stamp])
+        last = max((time for time, _ in arrivals.values()), default=None)
+        return Answer(
+            {topic: deserialize_message(data, message_type(self._topics[topic]))
+             for topic, (_, data) in arrivals.items()},
+            math.nan if last is None else (last - stamp) * 1e-6)
 
     def _keep(self, topic: str, data: bytes) -> None:
         now = time.time_ns()
         with self._news:
-            self._arrivals[topic].append(Arrival(now, data))
+            self._arrivals[header_stamp(data)][topic] = (now, data)
             self._news.notify_all()
+
+
+def wait_until_ready(
+    check: Check, player: Player, collector: Collector, probe: Mapping[str, bytes]
+) -> None:
+    """Wait until the node has answered a first frame, which does not count."""
+    end = time.monotonic() + START_TIMEOUT
+
+    def go_on(what: str) -> None:
+        check()
+        if time.monotonic() > end:
+            raise NodeDied(f"the node has not {what} within {START_TIMEOUT:.0f} s")
+
+    while {"/left/image_rect", "/right/image_rect"} & set(player.unheard()):
+        go_on("subscribed to the images")
+        time.sleep(POLL)
+    stamp = player.publish(probe)
+    sent = time.monotonic()
+    while not collector.wait(ANSWER, stamp, POLL):
+        go_on("answered a frame")
+        if time.monotonic() > sent + PROBE_INTERVAL:
+            # Its best-effort subscriptions may have missed the one before.
+            player.publish(probe)
+            sent = time.monotonic()
+    # A probe sent meanwhile is answered as well, before the transect begins.
+    collector.wait(ANSWER, stamp + 1, 2.0)
+
+
+def play(
+    check: Check, player: Player, collector: Collector,
+    frames: Iterable[tuple[float, Mapping[str, bytes]]],
+) -> list[Answer]:
+    """Play frames at their times, s; return the node's answers."""
+    start = time.monotonic()
+    stamps = []
+    for due, messages in frames:
+        time.sleep(max(start + due - time.monotonic(), 0.0))
+        check()
+        stamps.append(player.publish(messages))
+    collector.wait(ANSWER, stamps[-1], DRAIN_TIMEOUT)
+    # The last frame's other messages come with it, but on topics of their own.
+    time.sleep(2 * POLL)
+    check()
+    return [collector.answer(stamp) for stamp in stamps]
 
 
 @contextmanager

@@ -8,21 +8,23 @@ import math
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from uw_visibility.config.schema import AssessmentConfig
-from uw_visibility.images.arrays import DisparityMap
+from uw_visibility.images.arrays import Array, DisparityMap, Image8
 from uw_visibility.images.files import write_png
 from uw_visibility.images.overview import overview
 from uw_visibility.messages.images import read_disparity, read_image
 from uw_visibility.optics.light_model import visibility_distance
-from uw_visibility_lab.demonstration.recording import RecordedFrame
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility_lab.demonstration.client import Answer
 from uw_visibility_lab.evaluation.figures.style import OURS, TRUTH_STYLE, save
 from uw_visibility_lab.evaluation.metrics import correct_fraction, matched_fraction
 from uw_visibility_lab.evaluation.tables import as_csv
+from uw_visibility_lab.simulation.frame import RenderedFrame
 
 NAN = math.nan
 CORRECT = 1.0
@@ -44,15 +46,28 @@ Row = Mapping[str, float]
 """One frame's estimates and truth, see `compare`."""
 
 
-def compare(
-    frame: RecordedFrame, time: float, answer: Mapping[str, Any], latency: float,
-    before: DisparityMap,
-) -> Row:
+class Truth(NamedTuple):
+    """What is kept of a rendered frame; see `RenderedFrame`."""
+
+    time: float  # from the first frame in s
+    left: Image8
+    right: Image8
+    attenuation: Array
+    mean_attenuation: float
+    depth: float
+    disparity: DisparityMap  # of the left image
+
+    @classmethod
+    def of(cls, time: float, frame: RenderedFrame) -> Truth:
+        """Keep what is compared of a frame."""
+        return cls(
+            time, frame.left, frame.right, frame.attenuation, frame.mean_attenuation, frame.depth,
+            frame.disparity_left)
+
+
+def compare(frame: Truth, answer: Answer, before: DisparityMap) -> Row:
     """Compare the node's answer to a frame with the truth.
 
-    time: from the first frame in s.
-    answer: the node's messages by topic; empty where it did not answer.
-    latency: from the images' stamp to the last of these messages in ms.
     before: (H, W); disparity of the raw pair, px; NaN = unmatched.
     Returns a row of the table; NaN = not assessed. Lengths are in m, attenuations in 1/m. Matched
         and correct are shares of the pixels that have a true disparity.
@@ -63,13 +78,16 @@ def compare(
             float(frame.attenuation.min()), AssessmentConfig().contrast),
         "depth": frame.depth,
     }
-    row: dict[str, float] = {"time": time, "answered": int(bool(answer)), "latency": latency}
+    messages = answer.messages
+    row: dict[str, float] = {
+        "time": frame.time, "answered": int(bool(messages)), "latency": answer.latency}
     for name, (_, topic, read) in QUANTITIES.items():
-        row[name], row[f"{name}_stddev"] = read(answer[topic]) if topic in answer else (NAN, NAN)
+        row[name], row[f"{name}_stddev"] = (
+            read(messages[topic]) if topic in messages else (NAN, NAN))
         row[f"true_{name}"] = truth[name]
     row["matched_before"], row["correct_before"] = score(before, frame.disparity)
     row["matched_after"], row["correct_after"] = (
-        score(read_disparity(answer["disparity"]), frame.disparity) if "disparity" in answer
+        score(read_disparity(messages["disparity"]), frame.disparity) if "disparity" in messages
         else (NAN, NAN))
     return row
 
@@ -158,10 +176,10 @@ def _draw_series(path: Path, rows: Sequence[Row]) -> None:
 
 
 def draw_frame(
-    path: Path, frame: RecordedFrame, answer: Mapping[str, Any], row: Row
+    path: Path, raw: Image8, messages: Mapping[str, Any], rig: StereoRig, row: Row
 ) -> None:
     """Draw one frame: raw and enhanced image, range, and numbers."""
-    ranges = frame.rig.range_from_disparity(read_disparity(answer["disparity"]))
+    ranges = rig.range_from_disparity(read_disparity(messages["disparity"]))
     words = [f"time {row['time']:.1f} s, latency {row['latency']:.0f} ms"]
     for name in QUANTITIES:
         value, stddev, truth = (
@@ -172,5 +190,5 @@ def draw_frame(
         "disparities matched {matched_before:.0%} before, {matched_after:.0%} after; correct "
         "{correct_before:.0%} before, {correct_after:.0%} after".format_map(row))
     write_png(path, overview(
-        frame.left, read_image(answer["left/enhanced/image"]), ranges, "; ".join(words),
-        frame.rig.range_error()))
+        raw, read_image(messages["left/enhanced/image"]), ranges, "; ".join(words),
+        rig.range_error()))

@@ -31,35 +31,7 @@ if os.getppid() == int(sys.argv[1]):
 """
 LAST_LINES = 15
 PATIENCE = 10.0
-PROFILE_COMMENT = "By default, Fast DDS hands messages over in 512 KiB"
-PROFILE = f"""\
-<?xml version="1.0" encoding="UTF-8"?>
-<!-- {PROFILE_COMMENT} of shared memory, which an image
-     of 640x480 overruns: best-effort subscriptions, as nodes use them for images, then
-     lose most of them. This gives it room for some tens of images, and keeps what goes
-     through the network stack on this machine. -->
-<profiles xmlns="http://www.eprosima.com">
-  <transport_descriptors>
-    <transport_descriptor>
-      <transport_id>shared_memory</transport_id> <type>SHM</type>
-      <segment_size>33554432</segment_size> <maxMessageSize>8388608</maxMessageSize>
-    </transport_descriptor>
-    <transport_descriptor>
-      <transport_id>loopback</transport_id> <type>UDPv4</type>
-      <interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>
-    </transport_descriptor>
-  </transport_descriptors>
-  <participant profile_name="this_machine" is_default_profile="true">
-    <rtps>
-      <userTransports>
-        <transport_id>shared_memory</transport_id> <transport_id>loopback</transport_id>
-      </userTransports>
-      <useBuiltinTransports>false</useBuiltinTransports>
-    </rtps>
-  </participant>
-</profiles>
-"""
-
+PROFILE = Path(__file__).with_name("fastdds.xml")
 
 # Linux leaves the domains 0 to 101 free of ephemeral ports; 0 is everybody's.
 DOMAINS = range(1, 100)
@@ -72,7 +44,7 @@ class NodeDied(RuntimeError):
 
 
 class NodeProcess:
-    """Subprocess of the node, which logs to a file; to be used in a ``with`` statement."""
+    """Subprocess of the node, which logs to the end of a file, for a ``with`` statement."""
 
     def __init__(self, log: Path, domain: int, command: tuple[str, ...] = COMMAND) -> None:
         self._log, self._domain, self._command = log, domain, command
@@ -82,7 +54,7 @@ class NodeProcess:
             os.environ, ROS_DOMAIN_ID=str(self._domain), PYTHONUNBUFFERED="1", **SAFE_PATH,
             **node_environment(os.environ),
         )
-        with self._log.open("wb") as log:
+        with self._log.open("ab") as log:
             # In a session of its own, Ctrl-C in the terminal does not reach the
             # node: it is ended here, once, whatever ends the demonstration.
             self._process = subprocess.Popen(
@@ -91,6 +63,11 @@ class NodeProcess:
                 env=environment, start_new_session=True,
             )
         return self
+
+    @property
+    def pid(self) -> int:
+        """Its number among the processes."""
+        return self._process.pid
 
     def check(self) -> None:
         """Raise NodeDied, with the last lines of the log, if the node is no longer there."""
@@ -136,9 +113,8 @@ def reserved_domain() -> Iterator[int]:
     raise InputError("no ROS domain is free: all of 1 to 99 are in use on this machine")
 
 
-def isolate(profile: Path) -> None:
-    """Write settings of Fast DDS (XML) and set the environment, before ROS is started."""
-    profile.write_text(PROFILE, encoding="utf-8")
-    os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile.resolve())
+def isolate() -> None:
+    """Set the environment before ROS is started: settings of Fast DDS, and nobody else."""
+    os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(PROFILE)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ.pop("ROS_STATIC_PEERS", None)

@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
+import itertools
 import signal
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -16,19 +17,22 @@ import numpy as np
 from uw_visibility.config.files import Products, gathered
 from uw_visibility.messages.outputs import TOPICS
 from uw_visibility.pipeline.pipeline import Pipeline
+from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.bags.writer import check_bag
 from uw_visibility.replay.progress import progress_bar, tell
-from uw_visibility_lab.demonstration import comparison, recording
-from uw_visibility_lab.demonstration.comparison import Row
-from uw_visibility_lab.demonstration.node_process import (
-    PROFILE_COMMENT,
-    NodeProcess,
-    isolate,
-    reserved_domain,
+from uw_visibility.stereo.rig import StereoRig
+from uw_visibility_lab.demonstration import comparison
+from uw_visibility_lab.demonstration.client import (
+    Answer,
+    Check,
+    open_link,
+    play,
+    wait_until_ready,
 )
-from uw_visibility_lab.demonstration.recording import Answer, Check, RecordedFrame
+from uw_visibility_lab.demonstration.comparison import Row, Truth
+from uw_visibility_lab.demonstration.node_process import NodeProcess, isolate, reserved_domain
 from uw_visibility_lab.simulation.bag import write_transect
-from uw_visibility_lab.simulation.transect import Transect
+from uw_visibility_lab.simulation.transect import Transect, TransectFrame
 
 Item = TypeVar("Item")
 
@@ -37,11 +41,14 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 STAMPED = {topic: kind for topic, kind in TOPICS.items() if kind != "std_msgs/msg/Float64"}
 """Type of message by topic, of those that say which frame they are of."""
 
+TRUTH = "/ground_truth/"
+"""What no vehicle has, among the topics."""
+
 PICTURES = 4
 """Frames that are drawn, evenly spread over the transect."""
 
-NODE_FILES = Products(
-    "fastdds.xml", ("node.log",), "not of a demonstration", keys=(PROFILE_COMMENT,))
+LOG_TITLE = "The node of uw_visibility demo"
+LOG = Products("node.log", (), "not of a demonstration", keys=(LOG_TITLE,))
 RESULTS = Products(
     "frames.csv", ("series.png", "frame_[0-9][0-9][0-9].png"), "not of a demonstration",
     keys=("true_mean_attenuation",))
@@ -53,13 +60,21 @@ def demonstrate(folder: Path, transect: Transect, *, force: bool = False) -> dic
     With `force` the results of an earlier demonstration are replaced.
     """
     bag = folder / "transect"
-    for products in (NODE_FILES, RESULTS):
+    for products in (LOG, RESULTS):
         products.check_room(folder, force=force)
     check_bag(bag, force)
-    isolate(folder / "fastdds.xml")
+    truths: list[Truth] = []
+
+    def keep(rendered: TransectFrame) -> TransectFrame:
+        truths.append(Truth.of(*rendered))
+        return rendered
+
+    isolate()
+    log = folder / LOG.mark
+    log.write_text(f"{LOG_TITLE}\n", encoding="utf-8")
     with (
         reserved_domain() as domain, noted_signals() as interrupted,
-        NodeProcess(folder / "node.log", domain) as node,
+        NodeProcess(log, domain) as node,
     ):
 
         def check() -> None:
@@ -69,13 +84,17 @@ def demonstrate(folder: Path, transect: Transect, *, force: bool = False) -> dic
         # The node compiles its kernels while the transect is being simulated.
         write_transect(
             bag, transect, overwrite=True,
-            progress=lambda frames: _checked(frames, "simulate", transect.frames, check),
+            progress=lambda frames: map(keep, _checked(frames, "simulate", transect.frames, check)),
         )
-        topics, frames = recording.read_recording(bag)
-        answers = _ask(check, domain, topics, frames)
+        topics, played = _read(bag)
+        with open_link(domain, topics, STAMPED) as (player, collector):
+            tell("waiting for the node to be ready")
+            wait_until_ready(check, player, collector, played[0])
+            timed = zip([truth.time for truth in truths], played, strict=True)
+            answers = play(check, player, collector, progress_bar(timed, "play", len(played)))
     with gathered(folder, RESULTS, force=force) as work:
         with noted_signals() as interrupted:
-            rows = _compare(work, frames, answers, interrupted)
+            rows = _compare(work, transect.camera.rig, truths, answers, interrupted)
         comparison.write_results(work, rows)
     return comparison.summarize(rows)
 
@@ -114,35 +133,29 @@ def _checked(items: Iterable[Item], name: str, total: int, check: Check) -> Iter
         yield item
 
 
-def _ask(
-    check: Check, domain: int, topics: Mapping[str, str], frames: Sequence[RecordedFrame]
-) -> list[Answer]:
-    """Play the frames into the node and return its answer to each."""
-    from uw_visibility_lab.demonstration.client import open_link
-
-    with open_link(domain, topics, STAMPED) as (player, collector):
-        tell("waiting for the node to be ready")
-        recording.wait_until_ready(check, player, collector, frames[0])
-        shown = progress_bar(frames, "play", len(frames))
-        return recording.play(check, player, collector, frames, shown)
+def _read(bag: Path) -> tuple[dict[str, str], list[dict[str, bytes]]]:
+    """Return types of the topics that a vehicle has, and their messages, instant by instant."""
+    with BagReader(bag) as reader:
+        topics = {t: kind for t, kind in reader.topics.items() if not t.startswith(TRUTH)}
+        instants = itertools.groupby(reader.messages(topics), key=lambda recorded: recorded.time)
+        return topics, [{one.topic: one.data for one in some} for _, some in instants]
 
 
 def _compare(
-    folder: Path, frames: Sequence[RecordedFrame], answers: Sequence[Answer], check: Check
+    folder: Path, rig: StereoRig, truths: Sequence[Truth], answers: Sequence[Answer], check: Check
 ) -> list[Row]:
     """Compare the answers with the truth, and draw some of them."""
     # The raw pairs are matched here, by the pipeline's own matcher.
-    pipeline = Pipeline(frames[0].rig)
-    pictured = set(np.linspace(0, len(frames) - 1, PICTURES).round().astype(int).tolist())
+    pipeline = Pipeline(rig)
+    pictured = set(np.linspace(0, len(truths) - 1, PICTURES).round().astype(int).tolist())
     rows = []
-    pairs = zip(frames, answers, strict=True)
-    for index, (frame, answer) in enumerate(_checked(pairs, "compare", len(frames), check)):
+    pairs = zip(truths, answers, strict=True)
+    for index, (frame, answer) in enumerate(_checked(pairs, "compare", len(truths), check)):
         before = pipeline.process(frame.left, frame.right, match_original=True).stereo.original
         assert before is not None
-        seconds = (frame.time - frames[0].time) * 1e-9
-        row = comparison.compare(frame, seconds, answer.messages, answer.latency, before)
+        row = comparison.compare(frame, answer, before)
         rows.append(row)
         if index in pictured and {"left/enhanced/image", "disparity"} <= answer.messages.keys():
             path = folder / f"frame_{index:03d}.png"
-            comparison.draw_frame(path, frame, answer.messages, row)
+            comparison.draw_frame(path, frame.left, answer.messages, rig, row)
     return rows
