@@ -24,15 +24,13 @@ import itertools
 import json
 import os
 import pickle
-import signal
 import statistics
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +50,13 @@ from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.images import write_image
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.stamps import header_stamp
-from uw_visibility.ros.start import node_environment
 from uw_visibility.ros.transport.factory import make_message, message_type
-from uw_visibility_lab.demonstration.node_process import reserved_domain
+from uw_visibility_lab.demonstration.node_process import (
+    COMMAND,
+    NodeDied,
+    NodeProcess,
+    reserved_domain,
+)
 
 START_TIMEOUT = 300.0
 # Memory settles while the first frames are processed, s.
@@ -130,11 +132,11 @@ def print_starts(options: argparse.Namespace) -> None:
             listener, camera = start_camera(Path(folder), options, "--wait", "0")
             begin = time.monotonic()
             try:
-                with started_node(folder, options) as process:
+                with started_node(Path(folder), domain, options) as node:
                     while not listener.answers:
-                        check(process, begin, Path(folder))
+                        check(node, begin)
                         time.sleep(0.01)
-                    times.append((time.monotonic() - begin, processor_time(process.pid)))
+                    times.append((time.monotonic() - begin, processor_time(node.pid)))
             finally:
                 camera.kill()
                 camera.wait()
@@ -148,57 +150,42 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
     """Start the node, publish into it, and return the numbers."""
     with tempfile.TemporaryDirectory() as folder, reserved_domain() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
-        with started_node(folder, options) as process:
-            return measure(process, Path(folder), options)
+        with started_node(Path(folder), domain, options) as node:
+            return measure(node, Path(folder), options)
 
 
-@contextmanager
-def started_node(
-    folder: str, options: argparse.Namespace
-) -> Iterator[subprocess.Popen[bytes]]:
-    """Start the node, and stop it at the end; its log stands in the folder."""
+def started_node(folder: Path, domain: int, options: argparse.Namespace) -> NodeProcess:
+    """Return the node, to be started; its log stands in the folder."""
     arguments = [part for given in options.given for part in ("-p", given)]
     arguments += EVERYTHING if options.everything else ()
-    command = [sys.executable, "-m", "uw_visibility.ros.node"]
-    command += ["--ros-args", *arguments] if arguments else []
-    with (Path(folder) / "node.log").open("wb") as log:
-        process = subprocess.Popen(
-            command, stdout=log, stderr=subprocess.STDOUT,
-            env=os.environ | node_environment(os.environ),
-        )
-    try:
-        yield process
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(20)
+    ros = ("--ros-args", *arguments) if arguments else ()
+    return NodeProcess(folder / "node.log", domain, (*COMMAND, *ros))
 
 
-def measure(
-    process: subprocess.Popen[bytes], folder: Path, options: argparse.Namespace
-) -> dict[str, Any]:
+def measure(node: NodeProcess, folder: Path, options: argparse.Namespace) -> dict[str, Any]:
     """Publish into the running node, listen, and return the numbers."""
     begin = time.monotonic()
     while "ready after" not in (folder / "node.log").read_text(encoding="utf-8"):
-        check(process, begin, folder)
+        check(node, begin)
         time.sleep(0.1)
-    ready = memory(process.pid)
+    ready = memory(node.pid)
     listener, publisher = start_camera(folder, options)
-    history, load = watch(process.pid, publisher, listener)
+    history, load = watch(node.pid, publisher, listener)
     sent = json.loads(publisher.communicate()[0])
     time.sleep(1.5)
     listener.close()
     return summarise(sent, listener, history) | load | {
         "memory when ready (MiB)": ready["VmRSS"],
-        "peak memory (MiB)": memory(process.pid)["VmHWM"],
+        "peak memory (MiB)": memory(node.pid)["VmHWM"],
         "memory over time (s, MiB)": history,
     }
 
 
-def check(process: subprocess.Popen[bytes], begin: float, folder: Path) -> None:
-    """Raise RuntimeError where the node has ended, or takes too long to start."""
-    if process.poll() is not None or time.monotonic() > begin + START_TIMEOUT:
-        log = (folder / "node.log").read_text(encoding="utf-8")
-        raise RuntimeError(f"the node has not started:\n{log}")
+def check(node: NodeProcess, begin: float) -> None:
+    """Raise NodeDied where the node has ended, or takes too long to start."""
+    node.check()
+    if time.monotonic() > begin + START_TIMEOUT:
+        raise NodeDied(f"the node has not started within {START_TIMEOUT:.0f} s")
 
 
 def start_camera(
