@@ -81,15 +81,15 @@ class Tracer:
     def geometry(self, samples: int = 16) -> Geometry:
         """Trace what is seen without water."""
         ranges = self._ranges()
-        normals = self._traced("aov", samples, 0)[..., -3:]
         reflectance = []
         for channel in range(3):
             self._paint(channel)
-            reflectance.append(self._traced("albedo", samples, 0)[..., -3])
+            traced = self._traced("first", samples, 0)
+            reflectance.append(traced[..., -3])
         seen = np.isfinite(ranges)[..., None]
         stacked = np.where(seen, np.stack(reflectance, -1), 0.0)
         return Geometry(ranges, stacked.astype(np.float32),
-                        np.where(seen, normals, 0.0).astype(np.float32))
+                        np.where(seen, traced[..., -6:-3], 0.0).astype(np.float32))
 
     def radiance(
         self, samples: int, *, black: bool = False, through_water: bool = True,
@@ -250,14 +250,12 @@ def _jit(mi: Any) -> bool:
 
 @lru_cache(maxsize=8)
 def integrator(mi: Any, name: str) -> Any:
-    """Return Mitsuba's integrator by its name here: volpath, bare, aov or albedo."""
+    """Return Mitsuba's integrator by its name here: volpath, bare, or first, of surfaces met."""
     water = {"type": "volpath", "max_depth": MOST_SCATTERED, "rr_depth": ROULETTE}
     if name == "volpath":
         return mi.load_dict(water)
-    if name == "aov":
-        return mi.load_dict({"type": "aov", "aovs": "nn:sh_normal"})
-    if name == "albedo":
-        return mi.load_dict({"type": "aov", "aovs": "al:albedo"})
+    if name == "first":
+        return mi.load_dict({"type": "aov", "aovs": "nn:sh_normal,al:albedo"})
 
     class Bare(mi.SamplingIntegrator):
         """Radiance of the first surface, with the water before it taken away."""

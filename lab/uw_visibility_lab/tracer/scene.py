@@ -59,7 +59,7 @@ RINGS, SPOKES = 400, 560
 """Of the floor's mesh."""
 
 FINENESS = (2, 60)
-"""Subdivisions of a thing's mesh along a side of a cube, at least and at most."""
+"""Subdivisions of a thing's mesh over a right angle, at least and at most."""
 
 CLEARANCE = 0.6
 """What comes nearer to the camera is left out, m."""
@@ -281,15 +281,10 @@ def polar_grid(
 
 @lru_cache(maxsize=FINENESS[1])
 def sphere(subdivisions: int) -> tuple[Array, Array]:
-    """Unit sphere of a subdivided cube: vertices (N, 3), faces (M, 3)."""
-    side = np.tan(np.linspace(-np.pi / 4.0, np.pi / 4.0, subdivisions + 1))
-    u, v = (a.ravel() for a in np.meshgrid(side, side, indexing="ij"))
-    one = np.ones_like(u)
-    vertices, faces = [], []
-    one_side = grid_faces(subdivisions + 1, subdivisions + 1)
-    for k, axes in enumerate(((one, u, v), (-one, v, u), (v, one, u), (u, -one, v), (u, v, one),
-                              (v, u, -one))):
-        corners = np.stack(axes, -1)
-        vertices.append(corners / np.linalg.norm(corners, axis=1, keepdims=True))
-        faces.append(one_side + k * len(u))
-    return np.concatenate(vertices), np.concatenate(faces)
+    """Unit sphere, so many times divided over a right angle: vertices (N, 3), faces (M, 3)."""
+    rows, columns = 2 * subdivisions + 1, 4 * subdivisions + 1
+    down, around = np.meshgrid(
+        np.linspace(0.0, np.pi, rows), np.linspace(0.0, 2.0 * np.pi, columns), indexing="ij")
+    points = np.stack([
+        np.sin(down) * np.cos(around), np.sin(down) * np.sin(around), np.cos(down)], -1)
+    return points.reshape(-1, 3), grid_faces(rows, columns)
