@@ -26,6 +26,7 @@ def normalizers(pair, noise=0.0, brighter=0.0):
         levels = 60 + 0.5 * pixels + noise * rng.standard_normal(pixels.shape) + side * brighter
         view.grey[:] = 256 * levels
         view.gain[:] = 1 / 256
+        view.noise = NOISE
         views.append(view)
     return views
 
@@ -44,8 +45,8 @@ def search(
         described.append(of_view)
     best, refined = np.empty((2, *shape), np.int16), np.empty(shape, np.float32)
     semi_global.search(
-        SETTINGS, disparities, tuple(described), semi_global.compare_tones(*views, points), points,
-        NOISE, np.full(shape, plane, np.float32), np.zeros(shape, np.bool_), best, refined, workers)
+        SETTINGS, disparities, *views, tuple(described), points,
+        np.full(shape, plane, np.float32), np.zeros(shape, np.bool_), best, refined, workers)
     return best, refined
 
 

@@ -235,10 +235,9 @@ class Matcher:
         best = self._search.best
         if self._is_noisy():
             self._draw_mesh(support)
-            tones = semi_global.compare_tones(self._left, self._images[1], support.points)
             semi_global.search(
-                config, self._disparities, self._views, tones, support.points, self._left.noise,
-                self._plane, self._steep, best, disparity, self._workers)
+                config, self._disparities, self._left, self._images[1], self._views,
+                support.points, self._plane, self._steep, best, disparity, self._workers)
         else:
             self._workers.together(
                 lambda: self._draw_mesh(support),

@@ -11,7 +11,7 @@ vector of the processor holds many, and neighbours share what their descriptors 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,54 +72,40 @@ _NOTHING = np.int32((1 << 30) - 1)
 _PART, _NO_KEY = 256, np.uint16(65535)
 
 
-class Tones(NamedTuple):
-    """Grey images of a pair, for the difference of their tones.
-
-    `offset` is how much brighter the left view is where the pair matches.
-    """
-
-    left: NDArray[np.uint16]
-    right: NDArray[np.uint16]
-    gain: NDArray[np.float32]
-    offset: float
-
-
-def compare_tones(left: ContrastNormalizer, right: ContrastNormalizer, points: Points) -> Tones:
-    """Return the tones of a pair, and how they differ at its support points ``(N, 3)``."""
-    x, y, d = np.rint(points).astype(np.int64).T
-    there = np.maximum(x - d, 0)
-    difference = left.grey[y, x].astype(np.float32) - right.grey[y, there]
-    offset = float(np.median(difference)) if len(difference) else 0.0
-    return Tones(left.grey, right.grey, left.gain, offset)
-
-
 def search(
-    config: StereoConfig, disparities: tuple[int, int],
-    descriptors: tuple[Descriptors, Descriptors], tones: Tones, points: Points, noise: float,
+    config: StereoConfig, disparities: tuple[int, int], left: ContrastNormalizer,
+    right: ContrastNormalizer, descriptors: tuple[Descriptors, Descriptors], points: Points,
     plane: NDArray[np.float32], steep: NDArray[np.bool_], best: NDArray[np.int16],
     refined: NDArray[np.float32], workers: Workers,
 ) -> None:
     """Write the best disparities of both views, `best` (2, H, W), as `DenseSearch.best`.
 
     Disparities are tried that lie among those of the support points `points` of the rows
-    around, within the limits `disparities`, px. `noise` is the restored noise of the median
-    pixel, in 8-bit levels of even contrast. `refined` (H, W) gets the left view's disparities at
-    sub-pixel resolution, px.
+    around, within the limits `disparities`, px. `refined` (H, W) gets the left view's disparities
+    at sub-pixel resolution, px.
     """
     prior = np.minimum(-_PRIOR / _UNIT * plane_prior(config), _MOST_PRIOR)
     # Rounded in the sum of the three paths: what each has too much is taken from the sum.
     in_sum = np.round(3 * prior).astype(np.int16)
     reward = -(-in_sum // 3)
-    level = min(noise, _MOST_NOISE)
+    level = min(left.noise, _MOST_NOISE)
     ranges = _ranges(points, disparities, len(plane))
-    left, right = descriptors
+    of_left, of_right = descriptors
     workers.rows(
-        _search_strips, len(ranges), left.horizontal, left.vertical, right.horizontal,
-        right.vertical, tones.left, tones.right, tones.gain, np.float32(tones.offset),
-        np.float32(min(_TONE_PER_LEVEL * noise, _MOST_PER_LEVEL)), plane, steep, -reward,
+        _search_strips, len(ranges), of_left.horizontal, of_left.vertical, of_right.horizontal,
+        of_right.vertical, left.grey, right.grey, left.gain, _brighter(left, right, points),
+        np.float32(min(_TONE_PER_LEVEL * left.noise, _MOST_PER_LEVEL)), plane, steep, -reward,
         3 * reward - in_sum, ranges, np.uint8(round((_STEP + _STEP_PER_LEVEL * level) / _UNIT)),
         np.uint8(round((_JUMP + _JUMP_PER_LEVEL * level) / _UNIT)), *best, refined,
     )
+
+
+def _brighter(left: ContrastNormalizer, right: ContrastNormalizer, points: Points) -> np.float32:
+    """How much brighter the left view is at the support points ``(N, 3)``."""
+    x, y, d = np.rint(points).astype(np.int64).T
+    there = np.maximum(x - d, 0)
+    difference = left.grey[y, x].astype(np.float32) - right.grey[y, there]
+    return np.float32(np.median(difference)) if len(difference) else np.float32(0)
 
 
 def _ranges(points: Points, disparities: tuple[int, int], height: int) -> NDArray[np.int64]:
