@@ -24,11 +24,9 @@ from uw_visibility.messages.outputs import (
     TOPICS,
     Source,
     all_topics,
-    cloud_of,
-    depth_of,
     each_message,
     enhanced_sides,
-    published_disparity,
+    points,
 )
 from uw_visibility.pipeline.result import EnhancedImages, FrameResult, StereoResult
 from uw_visibility.status import Status
@@ -467,12 +465,25 @@ DISPARITIES = arrays(
 MASKS = arrays(np.bool_, SHAPE)
 
 
-@given(DISPARITIES, st.none() | MASKS, st.floats(-5, 5), st.floats(0, 50), st.floats(0, 100))
+def source_of(
+    disparity: np.ndarray, offset: float = 0.0, least: int = 0, valid: np.ndarray | None = None,
+    colours: np.ndarray = LEFT,
+) -> Source:
+    """Make messages without a class from what was matched."""
+    rig = StereoRig(400.0, 0.12, (19.5, 1.5), (19.5 - offset, 1.5))
+    pair = StereoPair(LEFT, RIGHT, rig, valid, (0, 0, WIDTH, HEIGHT), ("rgb8", "rgb8"))
+    found = result(disparity=disparity, min_disparity=least, left=colours)
+    return Source(lambda name, /, **fields: SimpleNamespace(**fields), frame(), pair, found, CONFIG)
+
+
+@given(DISPARITIES, st.none() | MASKS, st.floats(-5, 5), st.integers(0, 50))
 def test_published_disparity_is_rounded_and_within_its_limits(
-    disparity: np.ndarray, valid: np.ndarray | None, offset: float, low: float, extent: float
+    disparity: np.ndarray, valid: np.ndarray | None, offset: float, least: int
 ) -> None:
-    high = low + extent
-    published = published_disparity(disparity, valid, offset, low, high)
+    source = source_of(disparity, offset, least, valid)
+    offset, most = source.pair.rig.offset, source.result.stereo.max_disparity
+    published, low, high = source.disparity
+    assert (low, high) == (max(least - offset, 0.0), max(most - offset, low))
     limits = np.float32([low, high])
     steps = np.rint((disparity - np.float32(offset)) / np.float32(DISPARITY_STEP))
     rounded = (steps * DISPARITY_STEP).astype(np.float32)
@@ -482,15 +493,13 @@ def test_published_disparity_is_rounded_and_within_its_limits(
     np.testing.assert_array_equal(published, np.where(kept, rounded, limits[0] - 1))
 
 
-@given(DISPARITIES, st.floats(0, 50), st.floats(1, 1000))
-def test_depth_is_that_of_the_published_disparity(
-    disparity: np.ndarray, low: float, scale: float
-) -> None:
-    published = published_disparity(disparity, None, 0.0, low, 150.0)
-    depth = depth_of(published, low, scale)
+@given(DISPARITIES, st.integers(0, 30))
+def test_depth_is_that_of_the_published_disparity(disparity: np.ndarray, least: int) -> None:
+    source = source_of(disparity, least=least)
+    published, low, _ = source.disparity
     kept = published >= np.float32(low)
-    assert np.isnan(depth[~kept]).all()
-    np.testing.assert_allclose(depth[kept] * published[kept], scale, rtol=1e-6)
+    assert np.isnan(source.depth[~kept]).all()
+    np.testing.assert_allclose(source.depth[kept] * published[kept], 400.0 * 0.12, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("dtype", "channels"), [
@@ -498,15 +507,16 @@ def test_depth_is_that_of_the_published_disparity(
 ])
 def test_cloud_has_each_pixel_s_place_and_colour(dtype: type, channels: int) -> None:
     generator = np.random.default_rng(3)
-    depth = generator.uniform(1, 9, SHAPE).astype(np.float32)
-    depth[0, 0] = np.nan
-    columns, rows = (generator.normal(size=n).astype(np.float32) for n in reversed(SHAPE))
+    disparity = generator.uniform(5, 30, SHAPE).astype(np.float32)
+    disparity[0, 0] = np.nan
     shape = SHAPE if channels == 1 else (*SHAPE, channels)
     colours = generator.integers(0, np.iinfo(dtype).max, shape, dtype, endpoint=True)
-    cloud = cloud_of(depth, columns, rows, colours)
-    np.testing.assert_array_equal(cloud[..., 0], depth * columns)
-    np.testing.assert_array_equal(cloud[..., 1], depth * rows[:, None])
-    np.testing.assert_array_equal(cloud[..., 2], depth)
+    source = source_of(disparity, colours=colours)
+    cloud = points(source).data.view(np.float32).reshape(*SHAPE, 4)
+    columns, rows = (np.arange(7) - 19.5) / 400.0, (np.arange(4) - 1.5) / 400.0
+    np.testing.assert_array_equal(cloud[..., 0], source.depth * columns.astype(np.float32))
+    np.testing.assert_array_equal(cloud[..., 1], source.depth * rows.astype(np.float32)[:, None])
+    np.testing.assert_array_equal(cloud[..., 2], source.depth)
     rgb = colours.reshape(*SHAPE, channels) >> (8 * np.dtype(dtype).itemsize - 8)
     red, green, blue = np.moveaxis(np.broadcast_to(rgb, (*SHAPE, 3)).astype(np.uint32), -1, 0)
     packed = np.ascontiguousarray(cloud[..., 3]).view(np.uint32)

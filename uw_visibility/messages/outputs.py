@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.schema import NodeConfig
-from uw_visibility.images.arrays import DisparityMap, Image, Mask
 from uw_visibility.messages.estimates import (
     ESTIMATES,
     Estimate,
@@ -43,60 +42,6 @@ POINT_FLOAT32 = 7
 # The disparity is published in steps of 1/64 px, far below what matching
 # resolves, so that delta_d can state the step.
 DISPARITY_STEP = 1.0 / 64.0
-
-
-def published_disparity(
-    disparity: DisparityMap, valid: Mask | None, offset: float, low: float, high: float
-) -> DisparityMap:
-    """Return a disparity as ``stereo_msgs/DisparityImage`` defines it.
-
-    disparity: (H, W) float32, x_left - x_right, px; NaN where nothing was matched.
-    valid: (H, W) bool or None, where the left image shows anything; None where all of it does.
-    offset: cx_left - cx_right, px.
-    low, high: smallest and largest disparity published, px.
-    Returns (H, W) float32, x_left - x_right - offset, rounded to `DISPARITY_STEP`; ``low - 1``
-    where nothing was matched, and where what was matched does not lie in front of the camera or
-    between the limits.
-    """
-    step = np.float32(DISPARITY_STEP)
-    value = np.rint((disparity - np.float32(offset)) / step) * step
-    # A comparison with NaN is false, so what was not matched is not kept.
-    kept = (value > 0) & (value >= np.float32(low)) & (value <= np.float32(high))
-    if valid is not None:
-        kept &= valid
-    return np.where(kept, value, np.float32(low) - np.float32(1))
-
-
-def depth_of(
-    published: NDArray[np.float32], low: float, scale: float
-) -> NDArray[np.float32]:
-    """Z = scale / disparity, m, of a published disparity, NaN below low; scale in px m."""
-    depth = np.full_like(published, np.nan)
-    np.divide(np.float32(scale), published, out=depth, where=published >= np.float32(low))
-    return depth
-
-
-def cloud_of(
-    depth: NDArray[np.float32],
-    columns: NDArray[np.float32],
-    rows: NDArray[np.float32],
-    colours: Image,
-) -> NDArray[np.float32]:
-    """Return a point for each pixel, (H, W, 4) float32: X, Y, Z, m, and colour.
-
-    `columns` and `rows` are X / Z of each column and Y / Z of each row; `colours` RGB or grey,
-    uint8 or uint16. The colour is as PCL packs it: the number 0x00RRGGBB in the memory of a
-    float.
-    """
-    if colours.dtype == np.uint16:
-        colours = (colours >> 8).astype(np.uint8)
-    rgb = np.broadcast_to(colours.reshape(*depth.shape, -1), (*depth.shape, 3)).astype(np.uint32)
-    cloud = np.empty((*depth.shape, 4), np.float32)
-    cloud[..., 0] = depth * columns
-    cloud[..., 1] = depth * rows[:, np.newaxis]
-    cloud[..., 2] = depth
-    cloud.view(np.uint32)[..., 3] = rgb[..., 0] << 16 | rgb[..., 1] << 8 | rgb[..., 2]
-    return cloud
 
 
 @dataclass(frozen=True)
@@ -120,22 +65,30 @@ class Source:
     def disparity(self) -> tuple[NDArray[np.float32], float, float]:
         """The matched disparity (H, W) as ``stereo_msgs/DisparityImage`` defines it, px.
 
-        x_left - x_right - (cx_left - cx_right), so that Z = f t / disparity, and ``low - 1`` where
-        nothing was matched; low and high, the range of disparities searched in front of infinity.
+        x_left - x_right - (cx_left - cx_right), so that Z = f t / disparity, in steps of
+        `DISPARITY_STEP`; ``low - 1`` where nothing was matched, and where what was matched does not
+        lie in front of the camera or between low and high, the range of disparities searched in
+        front of infinity, which come after it.
         """
         result, rig = self.result, self.pair.rig
         low = max(result.stereo.min_disparity - rig.offset, 0.0)
         high = max(result.stereo.max_disparity - rig.offset, low)
-        pixels = published_disparity(
-            result.disparity, self.pair.valid, rig.offset, low, high)
-        return pixels, low, high
+        step = np.float32(DISPARITY_STEP)
+        value = np.rint((result.disparity - np.float32(rig.offset)) / step) * step
+        # A comparison with NaN is false, so what was not matched is not kept.
+        kept = (value > 0) & (value >= np.float32(low)) & (value <= np.float32(high))
+        if self.pair.valid is not None:
+            kept &= self.pair.valid
+        return np.where(kept, value, np.float32(low) - np.float32(1)), low, high
 
     @functools.cached_property
     def depth(self) -> NDArray[np.float32]:
         """Z of the matched pixels, ``(H, W)`` float32, m; NaN elsewhere."""
         disparity, low, _ = self.disparity
-        rig = self.pair.rig
-        return depth_of(disparity, low, rig.focal_length * rig.baseline)
+        scale = np.float32(self.pair.rig.focal_length * self.pair.rig.baseline)
+        depth = np.full_like(disparity, np.nan)
+        np.divide(scale, disparity, out=depth, where=disparity >= np.float32(low))
+        return depth
 
 
 def estimate(name: str, filtered: bool, source: Source) -> Any:
@@ -202,9 +155,16 @@ def points(source: Source) -> Any:
     cx, cy = rig.principal_point
     columns = (np.arange(width) - cx) / rig.focal_length
     rows = (np.arange(height) - cy) / (rig.focal_length_y or rig.focal_length)
-    cloud = cloud_of(
-        depth, columns.astype(np.float32), rows.astype(np.float32), source.result.left_enhanced
-    )
+    colours = source.result.left_enhanced
+    if colours.dtype == np.uint16:
+        colours = (colours >> 8).astype(np.uint8)
+    rgb = np.broadcast_to(colours.reshape(height, width, -1), (height, width, 3)).astype(np.uint32)
+    cloud = np.empty((height, width, 4), np.float32)
+    cloud[..., 0] = depth * columns.astype(np.float32)
+    cloud[..., 1] = depth * rows.astype(np.float32)[:, np.newaxis]
+    cloud[..., 2] = depth
+    # As PCL packs it: the number 0x00RRGGBB in the memory of a float.
+    cloud.view(np.uint32)[..., 3] = rgb[..., 0] << 16 | rgb[..., 1] << 8 | rgb[..., 2]
     fields = [
         source.make(
             "sensor_msgs/msg/PointField", name=name, offset=4 * index, datatype=POINT_FLOAT32,
