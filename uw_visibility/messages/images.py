@@ -27,22 +27,6 @@ class Encoding(NamedTuple):
     output: str
 
 
-def _bayer_encodings() -> dict[str, Encoding]:
-    # OpenCV names a pattern by its second row's second and third pixel, ROS by
-    # the first two rows.
-    patterns = {
-        "rggb": cv2.COLOR_BayerBG2RGB,
-        "bggr": cv2.COLOR_BayerRG2RGB,
-        "gbrg": cv2.COLOR_BayerGR2RGB,
-        "grbg": cv2.COLOR_BayerGB2RGB,
-    }
-    return {
-        f"bayer_{pattern}{bits}": Encoding(dtype, 1, conversion, f"rgb{bits}")
-        for pattern, conversion in patterns.items()
-        for bits, dtype in ((8, np.uint8), (16, np.uint16))
-    }
-
-
 ENCODINGS: dict[str, Encoding] = {
     "mono8": Encoding(np.uint8, 1, None, "mono8"),
     "mono16": Encoding(np.uint16, 1, None, "mono16"),
@@ -61,7 +45,13 @@ ENCODINGS: dict[str, Encoding] = {
     # The same two by their older names.
     "yuv422": Encoding(np.uint8, 2, cv2.COLOR_YUV2RGB_UYVY, "rgb8"),
     "yuv422_yuy2": Encoding(np.uint8, 2, cv2.COLOR_YUV2RGB_YUY2, "rgb8"),
-} | _bayer_encodings()
+} | {
+    # Named by the first two rows.
+    f"bayer_{pattern}{bits}": Encoding(
+        dtype, 1, getattr(cv2, f"COLOR_Bayer{pattern.upper()}2RGB"), f"rgb{bits}")
+    for pattern in ("rggb", "bggr", "gbrg", "grbg")
+    for bits, dtype in ((8, np.uint8), (16, np.uint16))
+}
 # Two pixels side by side share their colour.
 SUBSAMPLED = ("uyvy", "yuyv", "yuv422", "yuv422_yuy2")
 
