@@ -8,7 +8,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 from typing import Protocol, TypeVar
 
 
@@ -100,7 +100,7 @@ def interpolate(
     )
 
 
-class Verdict(str, Enum):
+class Verdict(StrEnum):
     """Verdict on sensor and estimate."""
 
     OK = "ok"
@@ -108,9 +108,6 @@ class Verdict(str, Enum):
     ERROR = "error"
     STALE = "stale"
     NOT_ASSESSABLE = "not assessable"
-
-    def __str__(self) -> str:
-        return self.value
 
 
 @dataclass(frozen=True)

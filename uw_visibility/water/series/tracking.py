@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from enum import Enum
+from enum import StrEnum
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from uw_visibility.water.estimate import WaterEstimate, blank, of_channels
 from uw_visibility.water.series.kalman import ATTENUATION, LIGHT, Measurement, WaterState
 
 
-class TrackingEvent(Enum):
+class TrackingEvent(StrEnum):
     """Event of the filter: the effect of a frame on the state."""
 
     STARTED = "started"
@@ -28,9 +28,6 @@ class TrackingEvent(Enum):
     PREDICTED = "predicted"
     NOT_ASSESSABLE = "not assessable"
     SURVEYED = "survey"
-
-    def __str__(self) -> str:
-        return self.value
 
 
 _TAKEN_IN = (TrackingEvent.STARTED, TrackingEvent.UPDATED, TrackingEvent.RESTARTED)
