@@ -84,13 +84,6 @@ def test_the_filter_goes_by_most_frames_of_late():
     assert statuses[-1] is Status.OK
 
 
-def test_frames_that_were_forgotten_do_not_count():
-    grey = GreyFrames()
-    assert grey.add(ColourBalance(True, False))
-    grey.reset()
-    assert not grey.add(ColourBalance(False, False))
-
-
 def test_green_and_blue_alike_in_most_frames_are_a_balance_whose_gain_of_red_ends_too_early():
     for pattern, told in (([True] * 4, [False, False, True, True]),
                           ([True, False, False, True, False, False], [False] * 6)):

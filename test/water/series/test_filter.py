@@ -40,10 +40,13 @@ def test_another_rig_begins_anew_and_the_same_one_does_not() -> None:
 
 def test_a_filter_that_is_reset_begins_anew() -> None:
     kept = WaterFilter(PipelineConfig())
-    kept.update(water(), 0.0)
+    grey = kept.update(replace(water(), grey_on_average=True), 0.0)
+    assert grey is not None and grey.water.grey_on_average
+    assert kept.known is not None
     kept.reset()
+    assert kept.known is None
     found = kept.update(water(), 1.0)
-    assert found is not None and found.event is STARTED
+    assert found is not None and found.event is STARTED and not found.water.grey_on_average
 
 
 def test_what_is_filtered_is_assessed_too() -> None:

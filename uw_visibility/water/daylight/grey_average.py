@@ -59,10 +59,6 @@ class GreyFrames:
     def __init__(self) -> None:
         self._balances: deque[ColourBalance] = deque(maxlen=FRAMES)
 
-    def reset(self) -> None:
-        """Forget all frames."""
-        self._balances.clear()
-
     def add(self, balance: ColourBalance) -> bool:
         """Add a frame; return whether more than half of the recent ones were balanced."""
         self._balances.append(balance)

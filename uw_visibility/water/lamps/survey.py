@@ -33,16 +33,15 @@ class LampSurvey:
     """Takes the cells of frames together over a window of time."""
 
     def __init__(self, config: SurveyConfig, estimator: NodeEstimator) -> None:
+        self._config = config
         self._estimator = estimator
-        self._frames: FrameWindow[Nodes] = FrameWindow(config)
-        self._sightings: FrameWindow[Sightings] = FrameWindow(config)
         self.reset()
 
     def reset(self) -> None:
         """Forget all frames."""
-        self._frames.clear()
+        self._frames: FrameWindow[Nodes] = FrameWindow(self._config)
         self._tracker = PointTracker(apart=WIDE)
-        self._sightings.clear()
+        self._sightings: FrameWindow[Sightings] = FrameWindow(self._config)
         self._last: tuple[float, SurveyEstimate] | None = None
 
     def add(self, water: WaterEstimate, stamp_seconds: float) -> None:

@@ -107,6 +107,11 @@ class WaterFilter:
     ------
     InputError
         If the camera's spectral response cannot be loaded.
+
+    Attributes
+    ----------
+    known : KnownWater or None
+        Water that the next frame is restored with if it is refused; None where none is known.
     """
 
     def __init__(self, config: PipelineConfig) -> None:
@@ -114,11 +119,16 @@ class WaterFilter:
         self._assessor = Assessor(config)
         self._tracker = WaterTracker(config.tracking)
         self._by_lamps = config.lighting.model in ("lamps", "both")
+        self._rig: object = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Reset the filter: earlier frames do not count."""
+        self._tracker.reset()
         self._survey = self._make_survey()
         self._grey = GreyFrames()
         self._transfer, self._lit = Vote(), Vote()
-        self._rig: object = None
-        self._known: KnownWater | None = None
+        self.known: KnownWater | None = None
 
     def update(
         self, water: WaterEstimate, stamp: float, rig: object = None
@@ -173,17 +183,12 @@ class WaterFilter:
             visibility = replace(visibility, status=water.status)
         if np.isfinite(filtered.attenuation).any():
             kept = replace(filtered, envelope=None, blocks=None, lamps=None)
-            self._known = KnownWater(kept, stamp, rig, self.config.tracking.timeout)
+            self.known = KnownWater(kept, stamp, rig, self.config.tracking.timeout)
         else:
-            self._known = None
+            self.known = None
         return FilteredWater(
             filtered, visibility, event, self._tracker.assessed,
             self._tracker.rejected, self._tracker.rejected_in_a_row, survey)
-
-    @property
-    def known(self) -> KnownWater | None:
-        """Water that the next frame is restored with if it is refused; None where none is known."""
-        return self._known
 
     @property
     def lamps(self) -> LampLight | None:
@@ -227,21 +232,12 @@ class WaterFilter:
         """A frame by what lights the recording, which begins anew where that changes."""
         by_lamps = self._lit.mean > 0.0
         if by_lamps != self._by_lamps:
-            lit = self._lit
+            self._by_lamps, lit = by_lamps, self._lit
             self.reset()
-            self._by_lamps, self._lit = by_lamps, lit
-            self._survey = self._make_survey()
+            self._lit = lit
         if np.isfinite(water.attenuation).any() and (water.lamps is not None) != by_lamps:
             return WaterEstimate.not_assessable(Status.LIGHT_UNCERTAIN)
         return water
-
-    def reset(self) -> None:
-        """Reset the filter: earlier frames do not count."""
-        self._tracker.reset()
-        self._known = None
-        self._grey.reset()
-        self._transfer, self._lit = Vote(), Vote()
-        self._survey.reset()
 
     def _make_survey(self) -> Survey | LampSurvey:
         config, clear_water = self.config, self._assessor.clear_water_attenuation

@@ -65,10 +65,6 @@ class FrameWindow(Generic[Item]):
         """Time from the oldest to the newest frame, s."""
         return self._frames[-1][0] - self._frames[0][0] if self._frames else 0.0
 
-    def clear(self) -> None:
-        """Forget all frames."""
-        self._frames.clear()
-
     def continued_by(self, stamp_seconds: float) -> bool:
         """Whether a frame of this time, s, would be the newest."""
         return not stamp_seconds <= self.newest
@@ -209,14 +205,13 @@ class Survey:
     def __init__(self, config: SurveyConfig, estimator: WaterEstimator) -> None:
         self._config = config
         self._estimator = estimator
-        self._frames: FrameWindow[FrameEnvelopes] = FrameWindow(config)
-        # Stamp of the newest frame, what was estimated, and its level of light.
-        self._last: tuple[float, SurveyEstimate, Array] | None = None
+        self.reset()
 
     def reset(self) -> None:
         """Forget all frames."""
-        self._frames.clear()
-        self._last = None
+        self._frames: FrameWindow[FrameEnvelopes] = FrameWindow(self._config)
+        # Stamp of the newest frame, what was estimated, and its level of light.
+        self._last: tuple[float, SurveyEstimate, Array] | None = None
 
     def add(self, water: WaterEstimate, stamp_seconds: float) -> None:
         """Add what a frame shows, if anything; a stamp (s) not after the last one begins anew."""
