@@ -8,15 +8,17 @@ import math
 import re
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from frame_records import frame_estimate, frame_record
+from numpy.typing import NDArray
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.records import JoinedFrame
-from uw_visibility.replay.report.report import OVERVIEW_COLUMNS, key_numbers
+from uw_visibility.replay.report.report import QUANTITY_COLUMNS, quantities
 from uw_visibility.replay.report.sentences import definition, number, rounded, verdict
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.summary import Summary
@@ -92,7 +94,15 @@ def test_when_where_and_how_far_one_could_see() -> None:
     assert sentences[-1] == "Frames were not filtered over time."
 
 
-def test_the_black_disc_and_the_distance_of_the_paper_stand_side_by_side() -> None:
+def rows_of(
+    columns: dict[str, NDArray[np.float64]], summary: Summary, folder: Path
+) -> list[dict[str, str]]:
+    """The table of quantities, where no frame has a type of water."""
+    (folder / "frames.csv").write_text("frame\n")
+    return quantities(columns, summary, "2.35/β", folder / "frames.csv")
+
+
+def test_the_black_disc_and_the_distance_of_the_paper_stand_side_by_side(tmp_path: Path) -> None:
     sentences, summary = told(seen(0, 10.0, 2.0), seen(1, 10.0, 2.0), seen(2, 30.0, 6.0))
     # Of a factor exp(0.1) and exp(0.2) up and down; Kd is not known.
     assert sentences[1].startswith(
@@ -101,12 +111,14 @@ def test_the_black_disc_and_the_distance_of_the_paper_stand_side_by_side() -> No
     assert ("; visibility distance 10 m (8 to 12): 2.35/β of green, the clearest channel; Secchi "
             "depth 7 m (6 to 9): depth at which a white disk is lost from above" in sentences[1])
     assert sentences[1].endswith(" In brackets: 16th to 84th percentile, of the median frame.")
-    columns = {name: np.full(3, math.nan) for name in OVERVIEW_COLUMNS}
-    tiles = key_numbers(columns, summary, "2.35/β")
-    assert [value for value, _ in tiles[:3]] == [
+    columns = {name: np.full(3, math.nan) for name in QUANTITY_COLUMNS}
+    rows = rows_of(columns, summary, tmp_path)
+    assert [row["value"] for row in rows] == [
         "8.0 m (7.2 to 8.8)", "10 m (8 to 12)", "7 m (6 to 9)"]
-    assert tiles[0][1].startswith("black-disc visibility: horizontal distance at which a diver")
-    assert tiles[1][1] == "visibility distance: 2.35/β of the clearest channel"
+    assert rows[0]["what"].startswith("horizontal distance at which a diver")
+    assert rows[0]["source"] == QUANTITIES["black_disc_visibility"].source
+    assert (rows[1]["title"], rows[1]["what"]) == (
+        "visibility distance", "2.35/β of the clearest channel")
 
 
 def test_a_value_that_is_hardly_known_is_neither_worst_nor_best() -> None:
@@ -170,7 +182,7 @@ def test_nothing_assessed_is_said_first_and_why() -> None:
         "range spread too small (3), that is: all that is seen")
     assert "too dark (1)" in sentences[1]
     assert "%" not in "".join(sentences)
-    assert summary.synopsis is not None and summary.synopsis.share == 0.0
+    assert summary.synopsis is not None and summary.synopsis.assessed == 0
     assert told()[0] == ["There are no frames, so that nothing can be said of the water."]
 
 
@@ -200,20 +212,20 @@ def test_times_of_a_clock_that_was_not_set_are_not_those_of_the_day(
     assert not any("clock" in sentence for sentence in told(seen(0, 6.0))[0])
 
 
-def test_numbers_say_in_how_many_frames_they_are_known() -> None:
+def test_numbers_say_in_how_many_frames_they_are_known(tmp_path: Path) -> None:
     """A depth of a single frame of many is not that of the recording."""
     nan = math.nan
-    columns = {name: np.full(12, nan) for name in OVERVIEW_COLUMNS}
+    columns = {name: np.full(12, nan) for name in QUANTITY_COLUMNS}
     columns["depth"][3], columns["depth_stddev"][3] = 2.0, 0.5
     columns["mean_attenuation"][:5], columns["mean_attenuation_stddev"][:5] = 0.3, 0.1
     _, summary = told(seen(0, 6.0), seen(1, nan, status=Status.TOO_DARK), seen(2, 6.0))
-    texts = [name for _, name in key_numbers(columns, summary, "2.35/β")][-3:]
-    assert texts[0] == "of 3 frames show visibility by themselves"
-    assert texts[1].endswith("median of 5 of 12 frames, 0.300 to 0.300 1/m in 90 % of them")
-    assert texts[2] == "depth by colour; in 1 of 12 frames"
+    texts = [row["what"] for row in rows_of(columns, summary, tmp_path)][-2:]
+    assert texts[0].endswith("median of 5 of 12 frames, 0.300 to 0.300 1/m in 90 % of them")
+    assert texts[1] == "by the colour of daylight; in 1 of 12 frames"
     columns["depth"][:] = 2.0
-    texts = [name for _, name in key_numbers(columns, summary, "2.35/β")]
-    assert texts[-1] == "depth by colour; median, 2.00 to 2.00 m in 90 % of the frames"
+    texts = [row["what"] for row in rows_of(columns, summary, tmp_path)]
+    assert texts[-1] == (
+        "by the colour of daylight; median, 2.00 to 2.00 m in 90 % of the frames")
 
 
 def test_what_is_assumed_of_camera_and_light_is_said() -> None:

@@ -31,7 +31,6 @@ from uw_visibility.replay.report.gallery import Gallery, gradient, preview
 from uw_visibility.replay.report.meaning import meaning
 from uw_visibility.replay.report.sentences import (
     Frame,
-    amount,
     clock,
     definition,
     formula,
@@ -64,7 +63,7 @@ def write_report(
 ) -> None:
     """Write ``report.html`` to a result's folder; `joins` are the sections of `fit_joins`."""
     columns = read_columns(
-        folder / "frames.csv", [*dict.fromkeys((*NEEDED, *TRACK_COLUMNS, *OVERVIEW_COLUMNS))]
+        folder / "frames.csv", [*dict.fromkeys((*NEEDED, *TRACK_COLUMNS, *QUANTITY_COLUMNS))]
     )
     contrast = float(summary.provenance["parameters"]["assessment.contrast"])
     shown: list[dict[str, Any]] = [
@@ -80,13 +79,12 @@ def write_report(
         folder / "report.html", "report.html",
         sentences=[[_part(part, linked) for part in parts] for parts in verdict(summary)],
         definition=definition(contrast), formula=formula(contrast),
-        numbers=key_numbers(columns, summary, formula(contrast)),
         title=f"Visibility: {Path(summary.bag).name}",
         summary=summary,
         problems=summary.lacks + summary.damage,
         series=draw_series(columns),
         maps=draw_tracks({"": columns}),
-        derived=derived_quantities(summary, folder / "frames.csv"),
+        quantities=quantities(columns, summary, formula(contrast), folder / "frames.csv"),
         joins=joins,
         pictures=shown,
         scale=gallery.scale, gradient=gradient(),
@@ -177,8 +175,11 @@ def _parameters(summary: Summary) -> list[dict[str, Any]]:
 
 
 MATCHED = ("matched_fraction", "matched_fraction_original")
-OVERVIEW_COLUMNS = (
-    "mean_attenuation", "mean_attenuation_stddev", "depth", "depth_stddev", *MATCHED)
+MEASURED = {
+    "mean_attenuation": ("mean attenuation α", "1/m", "beyond that of clear water"),
+    "depth": ("depth", "m", "by the colour of daylight"),
+}
+QUANTITY_COLUMNS = (*(f"{name}{end}" for name in MEASURED for end in ("", "_stddev")), *MATCHED)
 
 
 def _part(part: str | Frame, linked: Collection[str]) -> str | dict[str, str]:
@@ -188,40 +189,34 @@ def _part(part: str | Frame, linked: Collection[str]) -> str | dict[str, str]:
     return str(part)
 
 
-def key_numbers(
-    columns: Mapping[str, Array], summary: Summary, short: str
-) -> list[tuple[str, str]]:
-    """Return the numbers that a page begins with: values and names.
+def quantities(
+    columns: Mapping[str, Array], summary: Summary, short: str, table: Path
+) -> list[dict[str, str]]:
+    """Return the rows of the table of quantities: those of the verdict, then what is beside them.
 
-    They are those of the synopsis, then of `OVERVIEW_COLUMNS`.
+    columns: `QUANTITY_COLUMNS`. short: formula of visibility distance.
     """
-    synopsis = summary.synopsis
-    typical = {} if synopsis is None else synopsis.typical
-    numbers = [
-        (each.value, f"{each.title}: {each.what}")
+    typical = {} if summary.synopsis is None else summary.synopsis.typical
+    rows = [
+        {"title": each.title, "value": each.value, "what": each.what}
+        | (QUANTITIES[each.name]._asdict() if each.name in QUANTITIES else {})
         for each in headline(typical, f"{short} of the clearest channel")]
-    if synopsis is not None and synopsis.frames:
-        count = amount(synopsis.frames, "frame")
-        numbers.append((percent(synopsis.share), f"of {count} show visibility by themselves"))
-    for name, unit, title in (
-        ("mean_attenuation", "1/m", "mean attenuation α, beyond that of clear water"),
-        ("depth", "m", "depth by colour"),
-    ):
+    for name, (title, unit, what) in MEASURED.items():
         known = columns[name][np.isfinite(columns[name])]
         if known.size:
             low, middle, high = (float(v) for v in np.percentile(known, [5.0, 50.0, 95.0]))
             spread = float(np.nanmedian(columns[f"{name}_stddev"]))
-            numbers.append((
-                f"{rounded(middle, spread)} {unit}",
-                f"{title}; {_extent(known.size, len(columns[name]), low, high, unit)}",
-            ))
+            extent = _extent(known.size, len(columns[name]), low, high, unit)
+            rows.append({
+                "title": title, "value": f"{rounded(middle, spread)} {unit}",
+                "what": f"{what}; {extent}"})
     enhanced, original = (columns[name][np.isfinite(columns[name])] for name in MATCHED)
     if original.size:
-        numbers.append((
-            percent(float(np.median(enhanced))),
-            f"matched, median; {percent(float(np.median(original)))} of the pairs as recorded",
-        ))
-    return numbers
+        recorded = percent(float(np.median(original)))
+        rows.append({
+            "title": "matched", "value": percent(float(np.median(enhanced))),
+            "what": f"part of the left image, median; {recorded} of the pairs as recorded"})
+    return rows + _water_type(table)
 
 
 def _extent(known: int, frames: int, low: float, high: float, unit: str) -> str:
@@ -240,15 +235,6 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.0f} %"
 
 
-def derived_quantities(summary: Summary, table: Path) -> list[dict[str, str]]:
-    """Return what the field's quantities of the verdict rest on, and the type of water."""
-    typical = {} if summary.synopsis is None else summary.synopsis.typical
-    return [
-        {"title": each.title, "median": each.value, **QUANTITIES[each.name]._asdict()}
-        for each in headline(typical, "") if each.name in QUANTITIES
-    ] + _water_type(table)
-
-
 def _water_type(table: Path) -> list[dict[str, str]]:
     """Return the Jerlov type that most frames are nearest to, with its likelihood in those."""
     likelihoods: dict[str, dict[str, list[float]]] = {"": {}, "filtered_": {}}
@@ -264,9 +250,9 @@ def _water_type(table: Path) -> list[dict[str, str]]:
     others = [f"{name} ({len(found)})" for name, found in sorted(by_type.items())]
     return [{
         "title": "nearest Jerlov type",
-        "median": f"{most}, likelihood {np.median(by_type[most]):.2f}",
-        "definition": "Water type whose beam attenuation, as this camera sees it, is the likeliest"
-        f"; frames: {', '.join(others)}",
+        "value": f"{most}, likelihood {np.median(by_type[most]):.2f}",
+        "what": "water type whose beam attenuation, as this camera sees it, is the likeliest; "
+        f"frames: {', '.join(others)}",
         "caveat": "Types are defined by Kd; particles shift them by a type or more.",
         "source": "Williamson and Hollins 2022, doi:10.1364/AO.470464; Solonenko and Mobley 2015, "
         "doi:10.1364/AO.54.005392",

@@ -93,11 +93,6 @@ class Synopsis:
     baselines: list[float] = field(default_factory=list)
 
     @property
-    def share(self) -> float:
-        """Share of the frames that show a distance by themselves."""
-        return self.assessed / self.frames if self.frames else 0.0
-
-    @property
     def differs(self) -> bool:
         """Whether the smallest and the largest distance can be told apart."""
         low, high = self.lowest, self.highest
