@@ -51,9 +51,11 @@ class Cases:
         complete = rng.random() < 0.3
         folder = self._out if complete else self._partial
         shutil.copytree(self._result if complete else self._part, folder)
-        # Of a complete result nothing else is read.
         files = sorted(f for f in folder.rglob("*") if f.is_file())
-        file = folder / "replay.json" if complete else rng.choice(files)
+        if complete:
+            # Nothing else is read.
+            files = [folder / "replay.json", folder / "frames.csv"]
+        file = rng.choice(files)
         if file.suffix == ".json" and rng.random() < 0.5:
             state = json.loads(file.read_text())
             key = rng.choice(list(state))

@@ -5,12 +5,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from uw_visibility.messages.estimates import ImageHeader
-from uw_visibility.replay.records import FrameEstimate, FrameRecord
+from uw_visibility.replay.columns import COLUMNS, FAILED
+from uw_visibility.replay.records import FrameEstimate, FrameRecord, JoinedFrame
+from uw_visibility.replay.table import TableWriter
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimate import WaterEstimate
@@ -34,3 +38,16 @@ def frame_record(time: float = 0.0, frame: int = 0, **changes: Any) -> FrameReco
     """Make the record of a frame at a time, s."""
     stamp = round(time * 1e9)
     return FrameRecord(frame, stamp, stamp, stamp, **changes)
+
+
+def write_table(folder: Path, frames: Iterable[JoinedFrame]) -> Path:
+    """Write frames as a replay does; what is derived from their water is as it is given."""
+    table = folder / "frames.csv"
+    writer = TableWriter(table, tuple(COLUMNS))
+    for frame in frames:
+        estimate = frame.record.estimate
+        row = {name: column.text({**vars(frame), "estimate": estimate})
+               for name, column in COLUMNS.items()}
+        writer.write(row if estimate is not None else {**row, "status": FAILED})
+    writer.close()
+    return table

@@ -347,7 +347,7 @@ def _tell(summary: Summary) -> None:
     )
     for note in summary.notes:
         say(f"  {note}")
-    for refusal in summary.refusals.together():
+    for refusal in summary.refusals:
         what = f"not assessable: {refusal.what}: {refusal.why}"
         if refusal.what == WHOLE_FRAME:
             what = f"unusable frame: {refusal.why}"

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from typing import Any, Self
 
@@ -25,13 +25,12 @@ from uw_visibility.replay.progress import Progress
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.report.sentences import verdict
 from uw_visibility.replay.results.exports import check_exports, write_exports
-from uw_visibility.replay.results.folder import DAY, MARK, RESULT, ResultFolder
+from uw_visibility.replay.results.folder import DAY, MARK, RESULT, TABLE, ResultFolder, read_state
 from uw_visibility.replay.results.joining import Joiner
 from uw_visibility.replay.results.mcap import EarlierPart, copied_topics
 from uw_visibility.replay.results.provenance import FileHash, Origin
 from uw_visibility.replay.results.recorder import FrameRecorder, frame_topics
 from uw_visibility.replay.results.summary import Summary
-from uw_visibility.replay.results.synopsis import Findings
 from uw_visibility.replay.stores import Place
 from uw_visibility.replay.work import (
     FrameAnswer,
@@ -148,39 +147,39 @@ def _replay(
 
 def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | None:
     """Return the summary of an existing complete result of the same recording and options."""
-    try:
-        state = stores.read_state_at(target)
-    except (OSError, ValueError):
-        return None
-    if not state.get("complete"):
-        return None
-    if isinstance(bag, str):
-        # Comparing the recording would need a download.
-        origin = Origin(bag, str(state.get("fingerprint")), __version__, options.parameters())
-    else:
-        origin = Origin.of(bag, find_files(bag).files, options.parameters())
-    difference = origin.difference(state)
-    if not difference and state.get("extras") != options.extras():
-        difference = (
-            "was made with another choice of --images, --video, --geo, --netcdf, --parquet, "
-            "--attribute, --all-topics")
-    if difference:
-        raise InputError(
-            f"{target} exists already and {difference}: give another name, or --force to replace"
-        )
-    try:
-        summary = Summary.of_finished(str(bag), str(target), state)
-        # The texts at the end read more of the state than this: damage must show here.
-        summary.rejections()
-        summary.surveyed()
-        summary.refusals.together()
-        verdict(summary)
-        return summary
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(
-            f"{stores.child(target, MARK)} is damaged: give another name, or --force to replace "
-            "the result"
-        ) from error
+    with ExitStack() as fetched:
+        try:
+            folder = fetched.enter_context(stores.files_here(target, (MARK, TABLE)))
+            state = read_state(folder)
+        except (OSError, ValueError):
+            return None
+        if not state.get("complete"):
+            return None
+        if isinstance(bag, str):
+            # Comparing the recording would need a download.
+            origin = Origin(bag, str(state.get("fingerprint")), __version__, options.parameters())
+        else:
+            origin = Origin.of(bag, find_files(bag).files, options.parameters())
+        difference = origin.difference(state)
+        if not difference and state.get("extras") != options.extras():
+            difference = (
+                "was made with another choice of --images, --video, --geo, --netcdf, --parquet, "
+                "--attribute, --all-topics")
+        if difference:
+            raise InputError(
+                f"{target} exists already and {difference}: give another name, or --force to "
+                "replace")
+        try:
+            summary = Summary.of_finished(str(bag), str(target), state, folder / TABLE)
+            # The texts at the end read more of the state than this: damage must show here.
+            verdict(summary)
+            return summary
+        except (
+            LookupError, TypeError, ValueError, ArithmeticError, AttributeError, OSError
+        ) as error:
+            raise InputError(
+                f"{target} is damaged: give another name, or --force to replace the result"
+            ) from error
 
 
 class _Replay:
@@ -215,7 +214,6 @@ class _Replay:
             stream.plausibility, selection.position is not None, options.origin, options.joins,
             options.join_tolerance,
         )
-        self._findings = Findings(options.pipeline.assessment.contrast)
         folder.write_state(self._state())
 
     def run(self, pool: FramePool) -> None:
@@ -290,8 +288,7 @@ class _Replay:
     def _write_rows(self, frames: Iterator[JoinedFrame]) -> None:
         for joined in frames:
             self._recorder.write_row(joined)
-            self.summary.count(joined)
-            self._findings.count(joined)
+            self.summary.frames += 1
 
     def _finish(self, hashed: bool) -> None:
         """Close everything, whole or partial, and write report and summary."""
@@ -316,9 +313,10 @@ class _Replay:
 
     def _collect(self) -> None:
         stream, summary = self._stream, self.summary
+        summary.read(
+            self._folder.work / TABLE, self._options.pipeline.assessment.contrast,
+            self._recorder.baselines)
         summary.plausibility = self._joiner.report()
-        summary.synopsis = self._findings.synopsis()
-        summary.verdicts = self._joiner.verdicts
         summary.resumed = self._recorder.resumed
         summary.dropped = stream.synchronizer.dropped
         summary.damage = list(dict.fromkeys(self._reader.damage))

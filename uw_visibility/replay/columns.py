@@ -226,6 +226,9 @@ COLUMNS: dict[str, Column] = {
     **_attenuation("filtered_", "filtered", FILTERED),
     **_visibility("filtered_", "filtered", FILTERED),
     **_derived("filtered_", FILTERED),
+    "filtered_visibility_status": _choice(
+        "filtered.visibility.status", f"whether visibility was assessed{FILTERED}, or why not",
+        Status),
     "filtering": _choice(
         "filtered.event", "what the frame did to the filter's state", TrackingEvent),
     "survey_frames": _integer(
@@ -235,6 +238,8 @@ COLUMNS: dict[str, Column] = {
         "filtered.survey.range_min", "least range of the survey", "m"),
     "survey_range_max": _number(
         "filtered.survey.range_max", "largest range of the survey", "m"),
+    "range_min": _number("estimate.ranges.0", "least range that attenuation rests on", "m"),
+    "range_max": _number("estimate.ranges.1", "largest range that attenuation rests on", "m"),
     "support_points": _integer(
         "estimate.support_points", "support points of step 1", "number_of_observations"),
     "coverage": _number(

@@ -14,16 +14,14 @@ from urllib.parse import quote
 
 import numpy as np
 
-from uw_visibility.config.assumptions import assumptions
 from uw_visibility.config.files import gathered, sole_writer
 from uw_visibility.errors import InputError
-from uw_visibility.replay.columns import TRANSECT, TRANSECT_COLUMN
+from uw_visibility.replay.columns import COLUMNS, TRANSECT, TRANSECT_COLUMN
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.report.figures import NEEDED, Columns, draw_series
 from uw_visibility.replay.report.report import write_page
 from uw_visibility.replay.report.sentences import (
-    CLOCK_NOT_SET,
-    FIRST_DATE,
+    Frame,
     amount,
     course,
     definition,
@@ -38,12 +36,12 @@ from uw_visibility.replay.report.sentences import (
 )
 from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_tracks
 from uw_visibility.replay.results.exports import write_exports
-from uw_visibility.replay.results.folder import DAY, DAY_MARK, MARK, read_state
+from uw_visibility.replay.results.folder import DAY, DAY_MARK, MARK, TABLE, read_state
 from uw_visibility.replay.results.recorder import columns_of
 from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.results.synopsis import Synopsis, apart
 from uw_visibility.replay.stores import Place, child, exists, place, results_here
-from uw_visibility.replay.table import TableWriter, read_columns, read_rows, write_dictionary
+from uw_visibility.replay.table import TableWriter, read_rows, read_table, write_dictionary
 
 
 def check_day(folder: Place, *, again: bool) -> None:
@@ -81,22 +79,22 @@ def write_day(
     check_day(output, again=again)
     places = [place(summary.output) for summary in results]
     with (
-        results_here(output, places, (MARK, "frames.csv")) as folder,
+        results_here(output, places, (MARK, TABLE)) as folder,
         sole_writer(folder), gathered(folder, DAY, force=True) as work,
     ):
         failed = [summary for summary in summaries if summary not in results]
         results = [replace(summary, output=str(folder / summary.name)) for summary in results]
         _write_table(work, results, options)
-        write_index(work / "index.html", folder.resolve().name, results, failed)
+        write_index(work, folder.resolve().name, results, failed)
         _write_mark(work / DAY_MARK, summaries)
 
 
 def _write_table(work: Path, results: Sequence[Summary], options: ReplayOptions) -> None:
     columns = {TRANSECT: TRANSECT_COLUMN, **columns_of(options)}
-    table = work / "frames.csv"
+    table = work / TABLE
     writer = TableWriter(table, tuple(columns))
     for summary in results:
-        for row in read_rows(Path(summary.output) / "frames.csv"):
+        for row in read_rows(Path(summary.output) / TABLE):
             writer.write({TRANSECT: summary.name, **row})
     writer.close()
     write_dictionary(table, columns)
@@ -130,75 +128,38 @@ def _write_mark(path: Path, summaries: Sequence[Summary]) -> None:
 
 
 def write_index(
-    path: Path, title: str, results: Sequence[Summary], failed: Sequence[Summary]
+    folder: Path, title: str, results: Sequence[Summary], failed: Sequence[Summary]
 ) -> None:
-    """Write the page over several results, in the order of time, and recordings without one."""
-    recordings = {
-        summary.name: read_columns(
-            Path(summary.output) / "frames.csv", [*dict.fromkeys((*NEEDED, *TRACK_COLUMNS))])
-        for summary in results
-    }
+    """Write the page over several results, in the order of time, and recordings without one.
+
+    folder: has their table, and the page afterwards.
+    """
     synopses = {summary.name: summary.synopsis for summary in results if summary.synopsis}
     contrast = next(iter(synopses.values())).contrast
+    all_of_them = Summary(title, str(folder), provenance=results[0].provenance)
+    all_of_them.read(
+        folder / TABLE, contrast, {base for each in synopses.values() for base in each.baselines},
+        {TRANSECT: TRANSECT_COLUMN, **COLUMNS})
+    columns = read_table(folder / TABLE, {
+        TRANSECT: TRANSECT_COLUMN,
+        **{name: COLUMNS[name] for name in (*NEEDED, *TRACK_COLUMNS)}})
+    names = columns.pop(TRANSECT)
+    recordings = {
+        each: {name: values[names == each] for name, values in columns.items()}
+        for each in synopses}
+    places = np.array([list(synopses).index(name) for name in names], np.float64)
     write_page(
-        path, "day.html", title=f"Visibility: {title}",
-        sentences=_verdict(synopses, len(results) + len(failed), results[0].provenance),
+        folder / "index.html", "day.html", title=f"Visibility: {title}",
+        sentences=[[_part(part) for part in parts] for parts in verdict(all_of_them)],
         definition=definition(contrast), formula=formula(contrast),
         rows=[
             _row(summary, synopses[summary.name], recordings[summary.name])
             for summary in results
         ],
         failed=failed, lacking=[summary for summary in results if summary.lacks],
-        series=draw_series(_together(recordings), list(recordings)),
+        series=draw_series({**columns, "recording": places}, list(recordings)),
         maps=draw_tracks(recordings),
     )
-
-
-def _verdict(
-    synopses: dict[str, Synopsis], recordings: int, provenance: Mapping[str, Any]
-) -> list[list[str | dict[str, str]]]:
-    """Say over all recordings, replayed alike, what `verdict` says of one."""
-    frames, assessed, told = (
-        sum(getattr(synopsis, name) for synopsis in synopses.values())
-        for name in ("frames", "assessed", "told")
-    )
-    when = time_span(
-        min(synopsis.start for synopsis in synopses.values()),
-        max(synopsis.end for synopsis in synopses.values()))
-    of = amount(len(synopses), "recording")
-    if len(synopses) < recordings:
-        of = f"{len(synopses)} of {amount(recordings, 'recording')}"
-    if not told:
-        return [[
-            f"Visibility could not be assessed in any of {amount(frames, 'frame')} of {of}, from "
-            f"{when}."]]
-    parts: list[list[str | dict[str, str]]] = [
-        [f"Visibility was assessed in {share(assessed, frames)} of {of}, from {when}."]]
-    low = min(
-        (s.lowest.value + s.lowest.stddev, name) for name, s in synopses.items() if s.lowest)[1]
-    high = max(
-        (s.highest.value - s.highest.stddev, name) for name, s in synopses.items() if s.highest)[1]
-    worst, best = synopses[low].lowest, synopses[high].highest
-    assert worst is not None and best is not None
-    lead = "Visibility distance, "
-    if not apart(worst.value, worst.stddev, best.value, best.stddev):
-        lead = "Recordings cannot be told apart by visibility distance, "
-    parts.append([
-        f"{lead}{formula(synopses[low].contrast)} of the clearest channel: lowest "
-        f"{rounded(worst.value, worst.stddev)} m (",
-        _link(low, worst.frame), f"), highest {rounded(best.value, best.stddev)} m (",
-        _link(high, best.frame), ").",
-    ])
-    if provenance:
-        bases = sorted(base for s in synopses.values() for base in s.baselines)
-        parts.append([assumptions(
-            provenance["parameters"], provenance["told"], dict.fromkeys(bases[:1] + bases[-1:]))])
-    if any(synopsis.start < FIRST_DATE for synopsis in synopses.values() if synopsis.frames):
-        parts.append([CLOCK_NOT_SET])
-    none = [name for name, s in synopses.items() if not s.told]
-    if none:
-        parts.append([f"Without any visibility: {', '.join(none)}."])
-    return parts
 
 
 def _row(summary: Summary, synopsis: Synopsis, columns: Columns) -> dict[str, Any]:
@@ -219,7 +180,7 @@ def _row(summary: Summary, synopsis: Synopsis, columns: Columns) -> dict[str, An
         "start": synopsis.start / 1e9, "end": synopsis.end / 1e9,
         "place": _place(columns), "depth": _unbroken(_depth(columns)),
         "visibility": _unbroken(seen), "trust": _unbroken(trust),
-        "worst": _link(name, synopsis.lowest.frame) if synopsis.lowest else None,
+        "worst": _part(Frame(name, synopsis.lowest.frame)) if synopsis.lowest else None,
         "why": "".join(map(str, verdict(summary)[-1])) if not synopsis.told else "",
         "damaged": bool(summary.damage),
     }
@@ -258,18 +219,8 @@ def _depth(columns: Columns) -> str:
     return "not known"
 
 
-def _together(recordings: Mapping[str, Columns]) -> Columns:
-    """Return the columns of all recordings, and ``recording``, which one."""
-    together = {
-        name: np.concatenate([columns[name] for columns in recordings.values()]) for name in NEEDED
-    }
-    together["recording"] = np.concatenate([
-        np.full(len(columns["stamp"]), float(place))
-        for place, columns in enumerate(recordings.values())
-    ])
-    return together
-
-
-def _link(name: str, frame: int) -> dict[str, str]:
-    """Return a link to the picture of a frame in the report of a recording."""
-    return {"text": f"{name}, frame {frame}", "href": f"{quote(name)}/report.html#frame-{frame}"}
+def _part(part: str | Frame) -> str | dict[str, str]:
+    """Return a part of a sentence; a frame links to its picture in the report of its recording."""
+    if not isinstance(part, Frame):
+        return part
+    return {"text": str(part), "href": f"{quote(part.transect)}/report.html#frame-{part.number}"}

@@ -52,6 +52,14 @@ class FrameEstimate:
             result.timing_ms,
         )
 
+    @property
+    def ranges(self) -> tuple[float, float]:
+        """Nearest and farthest range that the water rests on, m; NaN without any."""
+        envelope = self.water.envelope
+        if envelope is None or not envelope.limits[1] > 0.0:
+            return math.nan, math.nan
+        return envelope.limits
+
     def depth(self, stamp: int) -> DepthSample:
         """Return the estimated depth at a stamp, ns, to be compared with a sensor's."""
         seen = self.visibility

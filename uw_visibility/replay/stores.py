@@ -21,7 +21,6 @@ from uw_visibility.replay.results.folder import (
     MARK,
     RESULT,
     check_target,
-    read_state,
     refuse_to_replace,
 )
 
@@ -178,17 +177,19 @@ def results_here(output: Place, results: Sequence[Place], names: Sequence[str]) 
                     store.put_file(str(written), f"{path}/{written.name}")
 
 
-def read_state_at(target: Place) -> dict[str, Any]:
-    """Read the state of a result, as `read_state` does.
+@contextmanager
+def files_here(result: Place, names: Iterable[str]) -> Iterator[Path]:
+    """Yield a folder that has some files of a result; for a URL, fetch them.
 
-    Raises `InputError` if there is none.
+    Raises `InputError` if one is missing there.
     """
-    if isinstance(target, Path):
-        return read_state(target)
+    if isinstance(result, Path):
+        yield result
+        return
     with tempfile.TemporaryDirectory(prefix=PREFIX) as scratch:
-        with _opened(target) as (store, path):
-            _fetch_files(store, {f"{path}/{MARK}": Path(scratch) / MARK})
-        return read_state(Path(scratch))
+        with _opened(result) as (store, path):
+            _fetch_files(store, {f"{path}/{name}": Path(scratch) / name for name in names})
+        yield Path(scratch)
 
 
 def check_place(target: Place, force: bool) -> None:

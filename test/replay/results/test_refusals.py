@@ -4,15 +4,18 @@
 
 from __future__ import annotations
 
-import json
 import math
+import tempfile
+from dataclasses import astuple
+from pathlib import Path
 from typing import Any
 
-from frame_records import frame_estimate, frame_record
+from frame_records import frame_estimate, frame_record, write_table
 
 from uw_visibility.plausibility.comparison import Verdict
 from uw_visibility.replay.records import MOST_REASONS, JoinedFrame
-from uw_visibility.replay.results.refusals import MOST_RUNS, Refusals
+from uw_visibility.replay.results.refusals import MOST_RUNS, refusals
+from uw_visibility.replay.table import read_rows
 from uw_visibility.status import Status
 
 OK, DARK = Status.OK, Status.TOO_DARK
@@ -35,12 +38,9 @@ def failed(number: int, reason: str) -> JoinedFrame:
 
 
 def told(*frames: JoinedFrame) -> list[tuple[str, str, int, str]]:
-    refusals = Refusals()
-    for each in frames:
-        refusals.count(each)
-    again = Refusals.of_state(json.loads(json.dumps(refusals.state())))
-    assert again.together() == refusals.together()
-    return [(r.what, r.why, r.count, r.frames) for r in refusals.together()]
+    with tempfile.TemporaryDirectory() as folder:
+        return [
+            astuple(each) for each in refusals(read_rows(write_table(Path(folder), frames)))]
 
 
 def test_each_quantity_has_its_frames_and_reasons() -> None:

@@ -4,7 +4,10 @@
 
 from __future__ import annotations
 
-from frame_records import frame_estimate, frame_record
+from pathlib import Path
+
+import pytest
+from frame_records import frame_estimate, frame_record, write_table
 
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.provenance import Origin
@@ -27,27 +30,39 @@ def surveyed(frames: int, low: float, high: float) -> JoinedFrame:
     return frame(TrackingEvent.SURVEYED, survey)
 
 
-def counted(*frames: JoinedFrame) -> Summary:
-    summary = Summary("bag", "out")
-    for one in frames:
-        summary.count(one)
+def counted(folder: Path, *frames: JoinedFrame) -> Summary:
+    summary = Summary("bag", "out", provenance={"told": []})
+    summary.read(write_table(folder, frames), 0.05, ())
     return summary
 
 
-def test_rejected_frames_and_runs_that_were_followed_are_told() -> None:
+def test_rejected_frames_and_runs_that_were_followed_are_told(tmp_path: Path) -> None:
     frames = [frame(TrackingEvent(event)) for event in (
         "started", "updated", "outlier", "outlier", "restarted", "outlier", "updated",
         "predicted", "not assessable")]
     told = "the filter rejected 3 of 7 frames, and followed 1 run of such frames as a change"
-    assert counted(*frames).rejections() == told
-    assert counted(frame(TrackingEvent.STARTED), frame(TrackingEvent.UPDATED)).rejections() == ""
+    assert counted(tmp_path, *frames).rejections() == told
+    frames = [frame(TrackingEvent.STARTED), frame(TrackingEvent.UPDATED)]
+    assert counted(tmp_path, *frames).rejections() == ""
 
 
-def test_what_a_survey_rests_on_is_told_again_from_its_state() -> None:
+def test_what_a_survey_rests_on_is_told_again_from_its_table(tmp_path: Path) -> None:
     summary = counted(
-        frame(TrackingEvent.NOT_ASSESSABLE), surveyed(20, 1.7, 2.2), surveyed(21, 1.6, 2.1))
+        tmp_path, frame(TrackingEvent.NOT_ASSESSABLE),
+        surveyed(20, 1.7, 2.2), surveyed(21, 1.6, 2.1))
     told = ("filtered water of 2 frames is that of a survey: up to 21 frames together, "
             "ranges from 1.60 to 2.20 m")
     assert summary.surveyed() == told
-    assert Summary.of_finished("bag", "out", summary.state(ORIGIN)).surveyed() == told
-    assert counted(frame(TrackingEvent.UPDATED)).surveyed() == ""
+    again = Summary.of_finished("bag", "out", summary.state(ORIGIN), tmp_path / "frames.csv")
+    assert again.surveyed() == told
+    assert counted(tmp_path, frame(TrackingEvent.UPDATED)).surveyed() == ""
+
+
+def test_a_result_whose_table_is_damaged_is_not_told_again(tmp_path: Path) -> None:
+    state = counted(tmp_path, frame(TrackingEvent.UPDATED)).state(ORIGIN)
+    table = tmp_path / "frames.csv"
+    good = table.read_text()
+    for before, after in (("frame,", "number,"), ("\n0,", "\nnone,"), ("status,", "\udcff,")):
+        table.write_text(good.replace(before, after, 1), errors="surrogateescape")
+        with pytest.raises((LookupError, ValueError)):
+            Summary.of_finished("bag", "out", state, table)

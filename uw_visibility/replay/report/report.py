@@ -88,8 +88,8 @@ def write_report(
         joins=joins,
         pictures=shown,
         scale=gallery.scale, gradient=gradient(),
-        refusals=summary.refusals.together(), meaning=_meaning,
-        other_channels=summary.refusals.has(OTHER_CHANNELS),
+        refusals=summary.refusals, meaning=_meaning,
+        other_channels=any(OTHER_CHANNELS in refusal.what for refusal in summary.refusals),
         plausibility=_plausibility(summary),
         timings=_timings(folder / "timings.csv"),
         threads=int(summary.provenance["threads"]),
@@ -137,7 +137,10 @@ def _plausibility(summary: Summary) -> dict[str, Any] | None:
         f"with a gate narrow enough to prove something, {report.failed} beyond it; "
         f"{report.unmatched} without a sensor value at their stamp."
     )
-    return {"text": text, "verdicts": summary.verdicts.most_common()}
+    verdicts = [
+        (COLUMNS["plausibility"].meaning(name), count)
+        for name, count in summary.counts["plausibility"].most_common()]
+    return {"text": text, "verdicts": verdicts}
 
 
 def _timings(path: Path) -> list[dict[str, str]]:

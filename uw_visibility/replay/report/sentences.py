@@ -13,12 +13,12 @@ from typing import NamedTuple
 from uw_visibility.config.assumptions import assumptions
 from uw_visibility.errors import printable
 from uw_visibility.optics.light_model import visibility_distance
+from uw_visibility.replay.columns import word
 from uw_visibility.replay.report.meaning import MEANINGS
 from uw_visibility.replay.results.refusals import DISTANCE, OVER_FRAMES, WHOLE_FRAME
 from uw_visibility.replay.results.summary import TAKEN, Summary
 from uw_visibility.replay.results.synopsis import TOLD, Synopsis
 from uw_visibility.water.meaning.derived import QUANTITIES
-from uw_visibility.water.series.tracking import TrackingEvent
 
 # 1990, ns: unset clocks start in 1970 or 1980.
 FIRST_DATE = 631_152_000 * 10**9
@@ -29,12 +29,13 @@ CLOCK_NOT_SET = (
 
 
 class Frame(NamedTuple):
-    """Frame in a sentence, to be linked to its picture."""
+    """Frame in a sentence, of a recording among several or of one, to be linked to its picture."""
 
+    transect: str
     number: int
 
     def __str__(self) -> str:
-        return f"frame {self.number}"
+        return ", ".join([self.transect] * bool(self.transect) + [f"frame {self.number}"])
 
 
 Sentence = list[str | Frame]
@@ -159,6 +160,7 @@ def _headline(synopsis: Synopsis) -> Sentence:
 def _distance(synopsis: Synopsis) -> Sentence:
     low, high = synopsis.lowest, synopsis.highest
     assert low is not None and high is not None
+    worst, best = Frame(low.transect, low.frame), Frame(high.transect, high.frame)
     apart, others = "", ""
     if synopsis.filtered and synopsis.rejected_distances:
         least, most = map(number, synopsis.rejected_distances)
@@ -174,13 +176,13 @@ def _distance(synopsis: Synopsis) -> Sentence:
         return [
             f"Visibility distance was {rounded(synopsis.median, spread)} m {where}: differences "
             f"between frames {others}are within the standard deviations. "
-            f"Lowest, {number(low.value)} m, in ", Frame(low.frame),
-            f"; highest, {number(high.value)} m, in ", Frame(high.frame), f".{apart}",
+            f"Lowest, {number(low.value)} m, in ", worst,
+            f"; highest, {number(high.value)} m, in ", best, f".{apart}",
         ]
     return [
         f"Visibility distance was from {rounded(low.value, low.stddev)} m to "
         f"{rounded(high.value, high.stddev)} m, median {number(synopsis.median)} m; worst in ",
-        Frame(low.frame), ", best in ", Frame(high.frame), f".{apart}",
+        worst, ", best in ", best, f".{apart}",
     ]
 
 
@@ -232,7 +234,7 @@ def _refused(summary: Summary, synopsis: Synopsis) -> Sentence:
         return []
     refused = {WHOLE_FRAME, DISTANCE} if synopsis.told else {WHOLE_FRAME, DISTANCE, OVER_FRAMES}
     counts: Counter[str] = Counter()
-    for refusal in summary.refusals.together():
+    for refusal in summary.refusals:
         if refused.intersection(refusal.what.split(", ")):
             counts[refusal.why] += refusal.count
     reasons = counts.most_common()
@@ -258,12 +260,13 @@ def _reason(reason: str, count: int) -> str:
 
 def _filtering(summary: Summary) -> list[Sentence]:
     found: list[Sentence] = []
-    taken = sum(summary.filtering[str(event)] for event in TAKEN)
+    events = summary.counts["filtering"]
+    taken = sum(events[word(event)] for event in TAKEN)
     if summary.rejections():
         found.append([f"{_sentence(summary.rejections())}"])
-    elif taken and not summary.filtering[str(TrackingEvent.OUTLIER)]:
+    elif taken:
         found.append([f"The filter over frames rejected none of {amount(taken, 'estimate')}."])
-    elif not summary.filtering:
+    elif not events:
         found.append(["Frames were not filtered over time."])
     if summary.surveyed():
         found.append([_sentence(summary.surveyed())])

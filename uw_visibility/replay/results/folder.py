@@ -15,6 +15,7 @@ from uw_visibility.errors import InputError, refusing
 
 # Mark of a result folder.
 MARK = "replay.json"
+TABLE = "frames.csv"
 DAY_MARK = "transects.json"
 """Mark of a folder of several results."""
 PARTIAL = ".partial"

@@ -41,7 +41,6 @@ class Joiner:
 
     config: the sensor's type is "none" where there is none.
     origin, joins, tolerance: as `ReplayOptions` has them.
-    verdicts: frames by verdict of the plausibility test.
     unplaced: frames without a position, by reason.
     """
 
@@ -66,7 +65,6 @@ class Joiner:
         self._now = 0.0
         # Counts from before the stamps jumped back.
         self._counts: Counter[str] = Counter()
-        self.verdicts: Counter[str] = Counter()
         self.unplaced: Counter[str] = Counter()
 
     def add_frame(
@@ -168,7 +166,6 @@ class Joiner:
             verdict, reason = Verdict.NOT_ASSESSABLE, "the frame has no result"
         joined.verdict = verdict
         joined.verdict_reason = "" if verdict is Verdict.OK else reason
-        self.verdicts[str(verdict)] += 1
 
     def _join_position(self, joined: JoinedFrame) -> None:
         if self._track is None:

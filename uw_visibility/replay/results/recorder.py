@@ -70,6 +70,7 @@ class FrameRecorder:
 
     copied: by a recorded topic the name and the type of its copy in results.mcap.
     filter: takes the frames in order, whichever process answered them.
+    baselines: of the frames' rigs, m.
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class FrameRecorder:
         copied: Mapping[str, tuple[str, str]],
     ) -> None:
         self.resumed = 0
+        self.baselines: set[float] = set()
         self._folder, self._options = folder, options
         self._copied = copied
         self.columns = columns_of(options)
@@ -102,6 +104,7 @@ class FrameRecorder:
             self._bag.write_serialised(f"/{topic}", data, record.time)
         if record.estimate is not None:
             self.resumed += answer.resumed
+            self.baselines.add(record.estimate.rig.baseline)
             self._write_timing(record.frame, record.estimate.timing_ms)
             filtered = self.filter.update(
                 record.estimate.water, record.estimate.header.seconds, record.estimate.rig)

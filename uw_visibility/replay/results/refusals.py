@@ -4,15 +4,16 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
 
 from uw_visibility.plausibility.comparison import Verdict
-from uw_visibility.replay.records import FURTHER, MOST_REASONS, JoinedFrame
-from uw_visibility.status import Status
+from uw_visibility.replay.columns import COLUMNS, FAILED
+from uw_visibility.replay.records import FURTHER, MOST_REASONS
 
 WHOLE_FRAME = "the whole frame"
 DISTANCE, OTHER_CHANNELS = "visibility distance", "visibility distance of all channels"
@@ -22,108 +23,63 @@ PLAUSIBILITY = "plausibility of the depth sensor"
 STATUS_COLUMNS = {"water": "status", DISTANCE: "visibility_status",
                   "depth by colour": "depth_status"}
 # Verdicts that judge the sensor.
-JUDGED = {Verdict.OK, Verdict.WARN, Verdict.ERROR}
+JUDGED = (Verdict.OK, Verdict.WARN, Verdict.ERROR)
 MOST_RUNS = 8
 
 
-@dataclass
+@dataclass(frozen=True)
 class Refusal:
     """Quantities that were not assessable in the same frames for the same reason."""
 
     # what, why: quantities and reason
     what: str
     why: str
-    count: int = 0  # frames
-    # first and last frame of each run of neighbours in the table; the first runs
-    runs: list[list[str]] = field(default_factory=list)
-    # shown, last_row: frames in `runs`, and row of the last frame
-    shown: int = 0
-    last_row: int = -2
-
-    def add(self, row: int, frame: str) -> None:
-        """Count a frame in this row of the table."""
-        follows = self.last_row == row - 1 and self.shown == self.count
-        self.count += 1
-        self.last_row = row
-        if follows:
-            self.runs[-1][1] = frame
-        elif len(self.runs) < MOST_RUNS and self.shown == self.count - 1:
-            self.runs.append([frame, frame])
-        else:
-            return
-        self.shown += 1
-
-    @property
-    def frames(self) -> str:
-        """Which frames, as numbers; not all, where they are many."""
-        text = ", ".join(first if first == last else f"{first}-{last}" for first, last in self.runs)
-        more = self.count - self.shown
-        return f"{text} and {more} more" if more else text
+    count: int  # frames
+    frames: str  # which, as numbers; not all, where they are many
 
 
-class Refusals:
-    """Counter of refusals, frame by frame; its size has a bound."""
-
-    def __init__(self) -> None:
-        self._refusals: dict[tuple[str, str], Refusal] = {}
-        self._rows = 0
-
-    def count(self, joined: JoinedFrame) -> None:
-        """Count a frame, the next row of the table."""
-        for what, why in _refused(joined):
-            reasons = sum(quantity == what for quantity, _ in self._refusals)
-            if (what, why) not in self._refusals and reasons >= MOST_REASONS:
-                why = FURTHER
-            refusal = self._refusals.setdefault((what, why), Refusal(what, why))
-            refusal.add(self._rows, str(joined.record.frame))
-        self._rows += 1
-
-    def has(self, what: str) -> bool:
-        """Tell whether a quantity was not assessable in some frame."""
-        return any(quantity == what for quantity, _ in self._refusals)
-
-    def together(self) -> list[Refusal]:
-        """Return the refusals; quantities with the same frames and reason are merged."""
-        groups: dict[tuple[str, int, str], list[Refusal]] = {}
-        for refusal in self._refusals.values():
-            key = (refusal.why, refusal.count, refusal.frames)
-            groups.setdefault(key, []).append(refusal)
-        return [
-            Refusal(**{**asdict(group[0]), "what": ", ".join(r.what for r in group)})
-            for group in groups.values()
-        ]
-
-    def state(self) -> list[dict[str, Any]]:
-        return [asdict(refusal) for refusal in self._refusals.values()]
-
-    @classmethod
-    def of_state(cls, state: list[dict[str, Any]]) -> Refusals:
-        """Restore from the output of `state`."""
-        refusals = cls()
-        for values in state:
-            refusals._refusals[values["what"], values["why"]] = Refusal(**values)
-        return refusals
+def refusals(rows: Iterable[Mapping[str, str]]) -> list[Refusal]:
+    """Return what was not assessable in the rows of a table."""
+    found: dict[tuple[str, str], list[int]] = {}
+    reasons: Counter[str] = Counter()
+    numbers = []
+    for place, row in enumerate(rows):
+        numbers.append(row["frame"])
+        for what, why in _refused(row):
+            if (what, why) not in found:
+                why = why if reasons[what] < MOST_REASONS else FURTHER
+                reasons[what] += 1
+            found.setdefault((what, why), []).append(place)
+    together: dict[tuple[str, tuple[int, ...]], list[str]] = {}
+    for (what, why), places in found.items():
+        together.setdefault((why, tuple(places)), []).append(what)
+    return [
+        Refusal(", ".join(names), why, len(places), _frames(places, numbers))
+        for (why, places), names in together.items()]
 
 
-def _refused(joined: JoinedFrame) -> Iterator[tuple[str, str]]:
+def _frames(places: Sequence[int], numbers: Sequence[str]) -> str:
+    """Name frames by the first and the last one of each run of neighbours in the table."""
+    runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
+    ends = [[numbers[place] for place in dict.fromkeys(run[[0, -1]])] for run in runs[:MOST_RUNS]]
+    more = sum(map(len, runs[MOST_RUNS:]))
+    return ", ".join(map("-".join, ends)) + (f" and {more} more" if more else "")
+
+
+def _refused(row: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     """Yield quantity and reason of each refusal of a frame."""
-    estimate = joined.record.estimate
-    if estimate is None:
-        yield WHOLE_FRAME, joined.record.reason
+    if row["status"] == FAILED:
+        yield WHOLE_FRAME, row["reason"]
         return
-    visibility = estimate.visibility
-    distance = OTHER_CHANNELS if math.isfinite(visibility.distance) else DISTANCE
-    for what, status in (
-        ("water", estimate.water.status), (distance, visibility.status),
-        ("depth by colour", visibility.depth_status),
-    ):
-        if status is not Status.OK:
-            yield what, str(status)
-    filtered = joined.filtered
-    if filtered is not None and math.isfinite(visibility.distance) and not math.isfinite(
-            filtered.visibility.distance):
-        yield OVER_FRAMES, str(filtered.visibility.status)
-    if joined.verdict is not None and joined.verdict not in JUDGED:
+    seen = bool(row["visibility_distance"])
+    for what, column in STATUS_COLUMNS.items():
+        if row[column] != "ok":
+            other = what == DISTANCE and seen
+            yield OTHER_CHANNELS if other else what, COLUMNS[column].meaning(row[column])
+    if row["filtering"] and seen and not row["filtered_visibility_distance"]:
+        column = "filtered_visibility_status"
+        yield OVER_FRAMES, COLUMNS[column].meaning(row[column])
+    verdict = COLUMNS["plausibility"].meaning(row["plausibility"])
+    if verdict and verdict not in JUDGED:
         # Frames with the same reason differ in its numbers.
-        reason = re.sub(r"\d+(\.\d+)?", "…", joined.verdict_reason)
-        yield PLAUSIBILITY, reason or str(joined.verdict)
+        yield PLAUSIBILITY, re.sub(r"\d+(\.\d+)?", "…", row["plausibility_reason"]) or verdict

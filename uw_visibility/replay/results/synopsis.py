@@ -5,9 +5,8 @@
 from __future__ import annotations
 
 import math
-from array import array
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -16,18 +15,15 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Array
-from uw_visibility.replay.columns import CHANNELS
-from uw_visibility.replay.records import FrameEstimate, JoinedFrame
+from uw_visibility.messages.stamps import nanoseconds
+from uw_visibility.replay.columns import CHANNELS, TRANSECT, word
 from uw_visibility.water.meaning.derived import DerivedQuantities
-from uw_visibility.water.series.filter import FilteredWater
 from uw_visibility.water.series.tracking import TrackingEvent
 
 # Distances that differ by more than this many standard deviations are told apart.
 SIGNIFICANT = 2.0
 # Quantities that a verdict begins with, in this order.
 TOLD = ("black_disc_visibility", "visibility_distance", "secchi_depth", "diffuse_attenuation_490")
-# Place of the distance in `_values`.
-DISTANCE = 2 + 3 * TOLD.index("visibility_distance")
 # The trend is told from at most so many medians of neighbours: its test takes their square.
 MOST_POINTS = 600
 # Fewer values in order are one of 24 orders or fewer, which chance makes too often (5 %).
@@ -46,6 +42,7 @@ STEPS = 200
 class Extreme:
     """Smallest or largest visibility distance of a recording."""
 
+    transect: str  # recording that the frame is of, among several; else empty
     frame: int  # number of the frame that shows it
     # value, stddev: m
     value: float
@@ -111,117 +108,75 @@ class Synopsis:
             for name, value in asdict(self).items()
         }
 
-    @classmethod
-    def of_state(cls, state: Mapping[str, Any]) -> Synopsis:
-        """Restore from the output of `state`."""
-        found = dict(state)
-        for name in ("median", "low", "high", "relative_stddev"):
-            found[name] = math.nan if found[name] is None else float(found[name])
-        for name in ("lowest", "highest"):
-            found[name] = None if found[name] is None else Extreme(**found[name])
-        return cls(**found)
 
+def synopsis(
+    columns: Mapping[str, NDArray], contrast: float, baselines: Collection[float]
+) -> Synopsis:
+    """Return what the frames of a table say.
 
-class Findings:
-    """Collects the values of each frame that a synopsis needs, 240 bytes a frame.
-
+    columns: those of ``frames.csv`` by name, stamps as text. Of several recordings no trend and no
+        groups are told, which are those of one water.
     contrast: smallest contrast that counts as visible.
+    baselines: of the frames' rigs, m.
     """
-
-    def __init__(self, contrast: float) -> None:
-        self._contrast = contrast
-        self._frames, self._stamps = array("q"), array("q")
-        # Rows of `_values`, of a frame by itself and filtered.
-        self._told = array("d"), array("d")
-        self._filtered = False
-        self._channels: Counter[str] = Counter()
-        self._ranges = (math.inf, -math.inf)
-        self._rejected: list[float] = []
-        self._baselines: list[float] = []
-
-    def count(self, joined: JoinedFrame) -> None:
-        """Take the next frame."""
-        record, filtered = joined.record, joined.filtered
-        # What frames together refute is not told, even of those that show a distance alone.
-        self._filtered |= filtered is not None
-        self._frames.append(record.frame)
-        self._stamps.append(record.stamp)
-        if record.estimate is not None:
-            known = {*self._baselines, record.estimate.rig.baseline}
-            self._baselines = sorted({min(known), max(known)})
-        own, of_filter = _values(record.estimate, joined.derived), _values(
-            filtered, joined.filtered_derived)
-        for values, table in zip((own, of_filter), self._told, strict=True):
-            table.extend(values)
-        if record.estimate is not None and math.isfinite(own[DISTANCE]):
-            self._count_view(record.estimate)
-        if filtered is not None and filtered.survey is not None and math.isfinite(
-                of_filter[DISTANCE]):
-            self._extend(filtered.survey.range_min, filtered.survey.range_max)
-        if filtered is not None and filtered.event is TrackingEvent.OUTLIER and math.isfinite(
-                own[DISTANCE]):
-            apart = [*self._rejected, own[DISTANCE]]
-            self._rejected = [min(apart), max(apart)]
-
-    def synopsis(self) -> Synopsis:
-        """Return what the frames so far say."""
-        own, filtered = (
-            np.array(table).reshape(-1, 1 + 3 * len(TOLD)) for table in self._told)
-        table = filtered if self._filtered else own
-        stddev, distance = table[:, 0], table[:, DISTANCE]
-        known = np.isfinite(distance) & np.isfinite(stddev)
-        series = own[np.isfinite(own[:, DISTANCE]), DISTANCE]
-        counts: dict[str, Any] = {
-            "frames": len(self._frames),
-            "start": min(self._stamps, default=0), "end": max(self._stamps, default=0),
-            "assessed": len(series), "told": int(known.sum()),
-            "filtered": self._filtered, "contrast": self._contrast,
-            "ranges": list(self._ranges) if self._ranges[0] <= self._ranges[1] else [],
-            "channels": dict(self._channels), "rejected_distances": list(self._rejected),
-            "baselines": list(self._baselines),
-        }
-        if not known.any():
-            return Synopsis(**counts)
-        low, middle, high = np.percentile(distance[known], [5.0, 50.0, 95.0])
-        numbers = np.array(self._frames)
-        series = series if series.size else distance[known]
-        quantiles = table[known, 1:].reshape(-1, len(TOLD), 3).swapaxes(0, 1)
-        return Synopsis(
-            **counts,
-            lowest=_extreme(numbers, distance, stddev, 1.0),
-            highest=_extreme(numbers, distance, stddev, -1.0),
-            typical={
-                name: np.nanmedian(values, axis=0).tolist()
-                for name, values in zip(TOLD, quantiles, strict=True)
-                if np.isfinite(values).all(axis=1).any()},
-            trend=trend(series, SIGNIFICANT), groups=groups(series),
-            median=float(middle), low=float(low), high=float(high),
-            relative_stddev=float(np.median(stddev[known] / distance[known])),
-        )
-
-    def _count_view(self, estimate: FrameEstimate) -> None:
-        water = estimate.water
-        self._channels[CHANNELS[int(np.nanargmin(water.attenuation))]] += 1
-        if water.envelope is not None and water.envelope.limits[1] > 0.0:
-            self._extend(*water.envelope.limits)
-
-    def _extend(self, low: float, high: float) -> None:
-        self._ranges = min(self._ranges[0], float(low)), max(self._ranges[1], float(high))
+    stamps = [nanoseconds(stamp) for stamp in columns["stamp"]]
+    own = np.isfinite(columns["visibility_distance"])
+    series = columns["visibility_distance"][own]
+    # What frames together refute is not told, even of those that show a distance alone.
+    filtered = bool((columns["filtering"] != "").any())
+    prefix = "filtered_" if filtered else ""
+    distance, stddev = (columns[f"{prefix}visibility_distance{end}"] for end in ("", "_stddev"))
+    known = np.isfinite(distance) & np.isfinite(stddev)
+    surveyed = filtered & np.isfinite(distance)
+    ranges = np.concatenate([
+        columns[f"{kind}range_{end}"][chosen]
+        for kind, chosen in (("", own), ("survey_", surveyed)) for end in ("min", "max")])
+    rejected = series[columns["filtering"][own] == word(TrackingEvent.OUTLIER)]
+    attenuation = np.stack([columns[f"attenuation_{channel}"][own] for channel in CHANNELS], 1)
+    clearest = np.nanargmin(attenuation, axis=1) if own.any() else ()
+    counts: dict[str, Any] = {
+        "frames": len(stamps), "start": min(stamps, default=0), "end": max(stamps, default=0),
+        "assessed": len(series), "told": int(known.sum()),
+        "filtered": filtered, "contrast": contrast, "ranges": _ends(ranges),
+        "channels": dict(Counter(CHANNELS[k] for k in clearest)),
+        "rejected_distances": _ends(rejected),
+        "baselines": sorted({min(baselines), max(baselines)}) if baselines else [],
+    }
+    if not known.any():
+        return Synopsis(**counts)
+    low, middle, high = np.percentile(distance[known], [5.0, 50.0, 95.0])
+    series = series if series.size else distance[known]
+    if TRANSECT in columns:
+        series = series[:0]
+    quantiles = {name: _quantiles(columns, prefix, name)[known] for name in TOLD}
+    return Synopsis(
+        **counts,
+        lowest=_extreme(columns, distance, stddev, 1.0),
+        highest=_extreme(columns, distance, stddev, -1.0),
+        typical={
+            name: np.nanmedian(values, axis=0).tolist() for name, values in quantiles.items()
+            if np.isfinite(values).all(axis=1).any()},
+        trend=trend(series, SIGNIFICANT), groups=groups(series),
+        median=float(middle), low=float(low), high=float(high),
+        relative_stddev=float(np.median(stddev[known] / distance[known])),
+    )
 
 
-def _values(
-    source: FrameEstimate | FilteredWater | None, derived: DerivedQuantities | None
-) -> list[float]:
-    """Return the distance's σ, then 16, 50 and 84 % of each of `TOLD`; NaN where not known."""
-    if source is None:
-        return [math.nan] * (1 + 3 * len(TOLD))
-    seen, derived = source.visibility, derived or DerivedQuantities()
-    values = [seen.distance_stddev]
-    for name in TOLD:
-        values += (
-            (seen.distance_low, seen.distance, seen.distance_high)
-            if name == "visibility_distance" else derived.interval(name))
-    return values
+def _ends(values: Array) -> list[float]:
+    """Return the least and the largest value that is known; nothing without any."""
+    known = values[np.isfinite(values)]
+    return [float(known.min()), float(known.max())] if known.size else []
+
+
+def _quantiles(columns: Mapping[str, NDArray], prefix: str, name: str) -> Array:
+    """Return 16, 50 and 84 % of a quantity in each frame, (n, 3)."""
+    ends = [f"{prefix}{name}{end}" for end in ("_low", "", "_high")]
+    if ends[0] in columns:
+        return np.stack([columns[end] for end in ends], 1)
+    values = zip(columns[ends[1]], columns[f"{ends[1]}_stddev"], strict=True)
+    return np.array([
+        DerivedQuantities(**{name: value, f"{name}_stddev": stddev}).interval(name)
+        for value, stddev in values])
 
 
 def apart(low: float, low_stddev: float, high: float, high_stddev: float) -> bool:
@@ -229,10 +184,14 @@ def apart(low: float, low_stddev: float, high: float, high_stddev: float) -> boo
     return high - low > SIGNIFICANT * math.hypot(low_stddev, high_stddev)
 
 
-def _extreme(frames: NDArray[np.int64], distance: Array, stddev: Array, sign: float) -> Extreme:
+def _extreme(
+    columns: Mapping[str, NDArray], distance: Array, stddev: Array, sign: float
+) -> Extreme:
     """Return the smallest distance for certain (sign 1), or the largest one (sign -1)."""
     place = int(np.nanargmin(sign * distance + stddev))
-    return Extreme(int(frames[place]), float(distance[place]), float(stddev[place]))
+    transect = str(columns[TRANSECT][place]) if TRANSECT in columns else ""
+    return Extreme(
+        transect, int(columns["frame"][place]), float(distance[place]), float(stddev[place]))
 
 
 def trend(distance: Array, significant: float) -> list[float]:
