@@ -184,7 +184,7 @@ def test_what_was_not_assessable_is_explained(transect: Path, tmp_path: Path) ->
     text = Page(tmp_path / "out" / "report.html").text
     assert MEANINGS[Status.NO_COLOUR] in text
     # The table has a word, and captions the sentence.
-    assert "water: no colour, " in text
+    assert re.search(r'id="caption-0">frame 0, [\d:]+ UTC: visibility distance: no colour<', text)
     assert said(text).startswith(f"Visibility could not be assessed in any of {FRAMES} frames")
     assert "not assessable" in text
 
@@ -200,7 +200,7 @@ def test_a_refused_distance_or_depth_is_told_though_the_water_was_assessed(
     unbounded = "the depth is not assessable: ambient light unbounded"
     assert {row["plausibility_reason"] for row in done.rows} == {unbounded}
     text = Page(tmp_path / "out" / "report.html").text
-    assert "visibility: attenuation too uncertain, α 0." in text
+    assert "UTC: visibility distance: attenuation too uncertain<" in text
     state = json.loads((tmp_path / "out" / "replay.json").read_text())
     for what, why in (
         ("visibility distance", "attenuation too uncertain"),

@@ -20,9 +20,8 @@ from uw_visibility.config.parameters import flatten
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import LONGEST_MESSAGE, printable
 from uw_visibility.images.arrays import Array, Image8
-from uw_visibility.messages.stamps import nanoseconds
 from uw_visibility.optics.visual_range import BEAM_OVER_SEEN, BEAM_OVER_SEEN_DEVIATION
-from uw_visibility.replay.columns import CHANNELS, COLUMNS
+from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.inputs.sensors import ScalarTopic
 from uw_visibility.replay.line_fit import FEWEST, LineFit, fit_line
 from uw_visibility.replay.report import figures
@@ -31,7 +30,6 @@ from uw_visibility.replay.report.gallery import Gallery, gradient, preview
 from uw_visibility.replay.report.meaning import meaning
 from uw_visibility.replay.report.sentences import (
     Frame,
-    clock,
     definition,
     formula,
     headline,
@@ -70,7 +68,7 @@ def write_report(
         {
             "frame": picture.row["frame"],
             "views": [_view(what, image) for what, image in picture.parts().items()],
-            "caption": caption(picture.row, formula(contrast)),
+            "caption": picture.words(),
         }
         for picture in gallery.pictures(_representative(folder, summary))
     ]
@@ -260,47 +258,6 @@ def _water_type(table: Path) -> list[dict[str, str]]:
         "source": "Williamson and Hollins 2022, doi:10.1364/AO.470464; Solonenko and Mobley 2015, "
         "doi:10.1364/AO.54.005392",
     }]
-
-
-def caption(row: Mapping[str, str], formula: str) -> str:
-    """Return the caption of a frame by its row of the table."""
-    parts = [
-        f"Frame {row['frame']} at {clock(nanoseconds(row['stamp']))}",
-        f"water: {_said(row, 'status')}"]
-    for name, title, unit, column in (
-        ("visibility_distance", "visibility", "m", "visibility_status"),
-        ("mean_attenuation", "α", "1/m", "status"), ("depth", "depth", "m", "depth_status"),
-    ):
-        if row[name]:
-            text = f"{title} {_value(row, name)} {unit}"
-            if name == "visibility_distance":
-                text += f" ({formula} of {_clearest(row)}"
-                filtered = f"filtered_{name}"
-                text += f"; filtered {_value(row, filtered)} m)" if row[filtered] else ")"
-            parts.append(text)
-        elif row[column] != row["status"]:
-            parts.append(f"{title}: {_said(row, column)}")
-    if row["sensor_depth"]:
-        parts.append(f"sensor {float(row['sensor_depth']):.2f} m")
-    matched = f"{percent(float(row['matched_fraction']))} matched"
-    if row["matched_fraction_original"]:
-        matched += f" ({percent(float(row['matched_fraction_original']))} of the pair as recorded)"
-    parts.append(matched)
-    return ", ".join(parts)
-
-
-def _said(row: Mapping[str, str], column: str) -> str:
-    return COLUMNS[column].meaning(row[column])
-
-
-def _value(row: Mapping[str, str], name: str) -> str:
-    return rounded(float(row[name]), float(row[f"{name}_stddev"] or "nan"))
-
-
-def _clearest(row: Mapping[str, str]) -> str:
-    """Return the clearest channel, which decides visibility."""
-    known = [(float(row[f"attenuation_{c}"]), c) for c in CHANNELS if row[f"attenuation_{c}"]]
-    return min(known)[1]
 
 
 def write_page(path: Path, template: str, **values: Any) -> None:
