@@ -105,45 +105,29 @@ def _value(text: str) -> float | str | None:
 def _write_parquet(
     path: Path, table: Path, columns: Mapping[str, Column], attributes: Mapping[str, Any]
 ) -> None:
-    """Write a table as Parquet, with what each column is."""
-    arrow, parquet = _import_parquet()
-    schema = arrow.schema(
-        [
-            arrow.field(name, _type(arrow, column), metadata=_metadata(column))
-            for name, column in columns.items()
-        ],
-        metadata=texts_of(attributes),
-    )
-    values = read_table(table, columns)
-    arrays = [
-        _array(arrow, values[field.name], field.type, columns[field.name]) for field in schema]
-    parquet.write_table(arrow.Table.from_arrays(arrays, schema=schema), path)
-
-
-def _import_parquet() -> tuple[Any, Any]:
-    with needing("parquet", "--parquet"):
-        return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
-
-
-def _type(arrow: Any, column: Column) -> Any:
+    """Write a table as Parquet, with what each column is; texts are as in the table."""
+    arrow, csv, parquet = _import_parquet()
     types = {
         "integer": arrow.int64(), "number": arrow.float64(),
         "datetime": arrow.timestamp("ns", tz="UTC"),
     }
-    return types.get(column.kind, arrow.string())
+    schema = arrow.schema(
+        [
+            arrow.field(name, types.get(column.kind, arrow.string()), metadata=_metadata(column))
+            for name, column in columns.items()
+        ],
+        metadata=texts_of(attributes),
+    )
+    parquet.write_table(csv.read_csv(
+        table, parse_options=csv.ParseOptions(newlines_in_values=True),
+        convert_options=csv.ConvertOptions(
+            column_types=schema, null_values=[""], strings_can_be_null=True),
+    ).cast(schema), path)
 
 
-def _array(arrow: Any, values: NDArray, kind: Any, column: Column) -> Any:
-    if column.kind in ("integer", "number"):
-        known = np.isfinite(values)
-        numbers = np.where(known, values, 0.0).astype(
-            np.int64 if column.kind == "integer" else np.float64)
-        return arrow.array(numbers, kind, mask=~known)
-    texts = [text or None for text in values]
-    if column.kind == "datetime":
-        stamps = [None if text is None else np.datetime64(text[:-1], "ns") for text in texts]
-        return arrow.array(stamps, arrow.timestamp("ns")).cast(kind)
-    return arrow.array(texts, kind)
+def _import_parquet() -> list[Any]:
+    with needing("parquet", "--parquet"):
+        return list(map(importlib.import_module, ("pyarrow", "pyarrow.csv", "pyarrow.parquet")))
 
 
 def _metadata(column: Column) -> dict[str, str]:
