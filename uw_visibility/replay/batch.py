@@ -316,7 +316,6 @@ class _Replay:
         summary.read(
             self._folder.work / TABLE, self._options.pipeline.assessment.contrast,
             self._recorder.baselines)
-        summary.plausibility = self._joiner.report()
         summary.resumed = self._recorder.resumed
         summary.dropped = stream.synchronizer.dropped
         summary.damage = list(dict.fromkeys(self._reader.damage))

@@ -108,7 +108,7 @@ def test_across_a_gap_of_the_sensor_nothing_is_made_up() -> None:
     assert joined.sensor is None
 
 
-def test_a_restart_forgets_the_learned_bias_but_not_what_was_counted() -> None:
+def test_a_restart_forgets_the_learned_bias() -> None:
     joiner = Joiner(CONFIG)
     for begin in (100.0, 50.0):
         for k in range(4):
@@ -116,8 +116,6 @@ def test_a_restart_forgets_the_learned_bias_but_not_what_was_counted() -> None:
                          *joiner.add_frame(record(begin + k))]
             expected = 2.0 - comparison_of(joined).innovation
             assert expected == 0.0 if k == 0 else expected > 0.1
-        assert (report := joiner.report()) is not None
-        assert report.compared == (4 if begin == 100.0 else 8)
         list(joiner.add(Restart()))
 
 

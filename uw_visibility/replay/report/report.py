@@ -88,7 +88,9 @@ def write_report(
         scale=gallery.scale, gradient=gradient(),
         refusals=summary.refusals, meaning=_meaning,
         other_channels=any(OTHER_CHANNELS in refusal.what for refusal in summary.refusals),
-        plausibility=_plausibility(summary),
+        verdicts=[
+            (COLUMNS["plausibility"].meaning(name), count)
+            for name, count in summary.counts["plausibility"].most_common()],
         timings=_timings(folder / "timings.csv"),
         threads=int(summary.provenance["threads"]),
         source=_source(summary),
@@ -123,22 +125,6 @@ def _representative(folder: Path, summary: Summary) -> set[str]:
 
 def _meaning(refusal: Refusal) -> str:
     return "No result." if refusal.what == WHOLE_FRAME else meaning(refusal.why)
-
-
-def _plausibility(summary: Summary) -> dict[str, Any] | None:
-    report = summary.plausibility
-    if report is None:
-        return None
-    judged = report.compared - report.inconclusive
-    text = (
-        f"{report.compared} estimates compared with {summary.topics['depth']}, {judged} of them "
-        f"with a gate narrow enough to prove something, {report.failed} beyond it; "
-        f"{report.unmatched} without a sensor value at their stamp."
-    )
-    verdicts = [
-        (COLUMNS["plausibility"].meaning(name), count)
-        for name, count in summary.counts["plausibility"].most_common()]
-    return {"text": text, "verdicts": verdicts}
 
 
 def _timings(path: Path) -> list[dict[str, str]]:

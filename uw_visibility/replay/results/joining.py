@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.plausibility.comparison import DepthSample, Verdict, interpolate
@@ -15,7 +14,6 @@ from uw_visibility.plausibility.monitor import (
     WAITING_ESTIMATES,
     Comparison,
     DepthMonitor,
-    Report,
 )
 from uw_visibility.replay.inputs.sensors import (
     Position,
@@ -28,9 +26,6 @@ from uw_visibility.replay.inputs.sensors import (
 from uw_visibility.replay.inputs.stream import Restart, SensorValue
 from uw_visibility.replay.records import FrameRecord, JoinedFrame
 from uw_visibility.water.series.filter import FilteredWater
-
-# Counters of a report, summed over the recording.
-COUNTS = ("compared", "failed", "inconclusive", "unmatched")
 
 
 class Joiner:
@@ -63,8 +58,6 @@ class Joiner:
         self._waiting: deque[JoinedFrame] = deque()
         self._comparisons: dict[int, Comparison] = {}
         self._now = 0.0
-        # Counts from before the stamps jumped back.
-        self._counts: Counter[str] = Counter()
         self.unplaced: Counter[str] = Counter()
 
     def add_frame(
@@ -94,8 +87,6 @@ class Joiner:
                 self._add_sensor(event, self._monitor)
             else:
                 # The stamps of the images jumped back: the test begins anew.
-                report = self._monitor.report(self._now)
-                self._counts.update({name: getattr(report, name) for name in COUNTS})
                 self._monitor.reset()
         yield from self._complete()
 
@@ -112,15 +103,6 @@ class Joiner:
     def finish(self) -> Iterator[JoinedFrame]:
         """Yield the frames that still wait: nothing more will come."""
         yield from self._complete(at_end=True)
-
-    def report(self) -> Report | None:
-        """Report of the plausibility test, if there is a sensor."""
-        if self._monitor is None:
-            return None
-        report = self._monitor.report(self._now)
-        return replace(
-            report, **{name: getattr(report, name) + self._counts[name] for name in COUNTS}
-        )
 
     def _note(self, comparisons: list[Comparison]) -> None:
         for comparison in comparisons:

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from uw_visibility.plausibility.monitor import Report
 from uw_visibility.replay.columns import COLUMNS, FAILED, Column, word
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.refusals import WHOLE_FRAME, Refusal, refusals
@@ -43,7 +42,6 @@ class Summary:
     topics: dict[str, str] = field(default_factory=dict)  # topics used, by purpose
     seconds: float = 0.0  # duration of the replay
     provenance: dict[str, Any] = field(default_factory=dict)
-    plausibility: Report | None = None
     # What the table says, see `read`.
     frames: int = 0
     # frames by the words of each of `COUNTED`
