@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from frame_records import frame_estimate, frame_record, write_table
-from numpy.typing import NDArray
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.optics.light_model import visibility_distance
@@ -102,15 +101,7 @@ def test_when_where_and_how_far_one_could_see() -> None:
     assert sentences[-1] == "Frames were not filtered over time."
 
 
-def rows_of(
-    columns: dict[str, NDArray[np.float64]], summary: Summary, folder: Path
-) -> list[dict[str, str]]:
-    """The table of quantities, where no frame has a type of water."""
-    (folder / "frames.csv").write_text("frame\n")
-    return quantities(columns, summary, "2.35/β", folder / "frames.csv")
-
-
-def test_the_black_disc_and_the_distance_of_the_paper_stand_side_by_side(tmp_path: Path) -> None:
+def test_the_black_disc_and_the_distance_of_the_paper_stand_side_by_side() -> None:
     sentences, summary = told(seen(0, 10.0, 2.0), seen(1, 10.0, 2.0), seen(2, 30.0, 6.0))
     # Of a factor exp(0.1) and exp(0.2) up and down; Kd is not known.
     assert sentences[1].startswith(
@@ -120,7 +111,7 @@ def test_the_black_disc_and_the_distance_of_the_paper_stand_side_by_side(tmp_pat
             "depth 7 m (6 to 9): depth at which a white disk is lost from above" in sentences[1])
     assert sentences[1].endswith(" In brackets: 16th to 84th percentile, of the median frame.")
     columns = {name: np.full(3, math.nan) for name in QUANTITY_COLUMNS}
-    rows = rows_of(columns, summary, tmp_path)
+    rows = quantities(columns, summary, "2.35/β")
     assert [row["value"] for row in rows] == [
         "8.0 m (7.2 to 8.8)", "10 m (8 to 12)", "7 m (6 to 9)"]
     assert rows[0]["what"].startswith("horizontal distance at which a diver")
@@ -220,18 +211,18 @@ def test_times_of_a_clock_that_was_not_set_are_not_those_of_the_day(
     assert not any("clock" in sentence for sentence in told(seen(0, 6.0))[0])
 
 
-def test_numbers_say_in_how_many_frames_they_are_known(tmp_path: Path) -> None:
+def test_numbers_say_in_how_many_frames_they_are_known() -> None:
     """A depth of a single frame of many is not that of the recording."""
     nan = math.nan
     columns = {name: np.full(12, nan) for name in QUANTITY_COLUMNS}
     columns["depth"][3], columns["depth_stddev"][3] = 2.0, 0.5
     columns["mean_attenuation"][:5], columns["mean_attenuation_stddev"][:5] = 0.3, 0.1
     _, summary = told(seen(0, 6.0), seen(1, nan, status=Status.TOO_DARK), seen(2, 6.0))
-    texts = [row["what"] for row in rows_of(columns, summary, tmp_path)][-2:]
+    texts = [row["what"] for row in quantities(columns, summary, "2.35/β")][-2:]
     assert texts[0].endswith("median of 5 of 12 frames, 0.300 to 0.300 1/m in 90 % of them")
     assert texts[1] == "by the colour of daylight; in 1 of 12 frames"
     columns["depth"][:] = 2.0
-    texts = [row["what"] for row in rows_of(columns, summary, tmp_path)]
+    texts = [row["what"] for row in quantities(columns, summary, "2.35/β")]
     assert texts[-1] == (
         "by the colour of daylight; median, 2.00 to 2.00 m in 90 % of the frames")
 

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import base64
-import csv
 import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -82,7 +81,7 @@ def write_report(
         problems=summary.lacks + summary.damage,
         series=draw_series(columns),
         maps=draw_tracks({"": columns}),
-        quantities=quantities(columns, summary, formula(contrast), folder / "frames.csv"),
+        quantities=quantities(columns, summary, formula(contrast)),
         joins=joins,
         pictures=shown,
         scale=gallery.scale, gradient=gradient(),
@@ -128,19 +127,14 @@ def _meaning(refusal: Refusal) -> str:
 
 
 def _timings(path: Path) -> list[dict[str, str]]:
-    if not path.is_file():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        stages = next(csv.reader(file))[1:]
-    columns = read_columns(path, stages)
-    return [
-        {
-            "stage": stage,
-            "median": f"{np.nanmedian(values):.1f}",
-            "high": f"{np.nanpercentile(values, 95.0):.1f}",
-        }
-        for stage, values in columns.items() if np.isfinite(values).any()
-    ]
+    rows = list(read_rows(path)) if path.is_file() else []
+    found = []
+    for stage in [name for name in rows[0] if name != "frame"] if rows else ():
+        values = [float(row[stage]) for row in rows if row[stage]]
+        if values:
+            median, high = np.percentile(values, [50.0, 95.0])
+            found.append({"stage": stage, "median": f"{median:.1f}", "high": f"{high:.1f}"})
+    return found
 
 
 def _source(summary: Summary) -> list[tuple[str, str]]:
@@ -177,7 +171,7 @@ def _part(part: str | Frame, linked: Collection[str]) -> str | dict[str, str]:
 
 
 def quantities(
-    columns: Mapping[str, Array], summary: Summary, short: str, table: Path
+    columns: Mapping[str, Array], summary: Summary, short: str
 ) -> list[dict[str, str]]:
     """Return the rows of the table of quantities: those of the verdict, then what is beside them.
 
@@ -203,7 +197,7 @@ def quantities(
         rows.append({
             "title": "matched", "value": percent(float(np.median(enhanced))),
             "what": f"part of the left image, median; {recorded} of the pairs as recorded"})
-    return rows + _water_type(table)
+    return rows + _water_type(summary)
 
 
 def _extent(known: int, frames: int, low: float, high: float, unit: str) -> str:
@@ -222,28 +216,18 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.0f} %"
 
 
-def _water_type(table: Path) -> list[dict[str, str]]:
-    """Return the Jerlov type that most frames are nearest to, with its likelihood in those."""
-    likelihoods: dict[str, dict[str, list[float]]] = {"": {}, "filtered_": {}}
-    for row in read_rows(table):
-        for prefix, by_type in likelihoods.items():
-            name, share = row[f"{prefix}water_type"], row[f"{prefix}water_type_likelihood"]
-            if name:
-                by_type.setdefault(name, []).append(float(share))
-    by_type = likelihoods["filtered_"] or likelihoods[""]
-    if not by_type:
-        return []
-    most = max(by_type, key=lambda name: len(by_type[name]))
-    others = [f"{name} ({len(found)})" for name, found in sorted(by_type.items())]
+def _water_type(summary: Summary) -> list[dict[str, str]]:
+    """Return the Jerlov type that most frames are nearest to."""
+    types = summary.counts["filtered_water_type"] or summary.counts["water_type"]
+    frames = ", ".join(f"{name} ({count})" for name, count in sorted(types.items()))
     return [{
-        "title": "nearest Jerlov type",
-        "value": f"{most}, likelihood {np.median(by_type[most]):.2f}",
+        "title": "nearest Jerlov type", "value": name,
         "what": "water type whose beam attenuation, as this camera sees it, is the likeliest; "
-        f"frames: {', '.join(others)}",
+        f"frames: {frames}",
         "caveat": "Types are defined by Kd; particles shift them by a type or more.",
         "source": "Williamson and Hollins 2022, doi:10.1364/AO.470464; Solonenko and Mobley 2015, "
         "doi:10.1364/AO.54.005392",
-    }]
+    } for name, _ in types.most_common(1)]
 
 
 def write_page(path: Path, template: str, **values: Any) -> None:

@@ -22,7 +22,9 @@ from uw_visibility.water.series.tracking import TrackingEvent
 
 TAKEN = (TrackingEvent.STARTED, TrackingEvent.UPDATED, TrackingEvent.RESTARTED)
 """Events of frames that updated the filter."""
-COUNTED = ("status", "visibility_status", "depth_status", "filtering", "plausibility")
+COUNTED = (
+    "status", "visibility_status", "depth_status", "filtering", "plausibility", "water_type",
+    "filtered_water_type")
 """Columns whose words are counted."""
 
 
