@@ -20,6 +20,7 @@ from uw_visibility.replay.bags.layout import find_files
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.frame_log import NAME as LOG
 from uw_visibility.replay.inputs.options import ReplayOptions, check_in_any, without_lacking
+from uw_visibility.replay.inputs.sensors import LONGEST_GAP
 from uw_visibility.replay.inputs.stream import Event, InputStream, RecordedFrame
 from uw_visibility.replay.progress import Progress
 from uw_visibility.replay.records import JoinedFrame
@@ -322,10 +323,10 @@ class _Replay:
         if summary.complete:
             summary.damage += stream.missing()
         summary.damage += [f"{reason} ({count})" for reason, count in stream.problems.items()]
-        summary.damage += [
-            f"{count} of {summary.frames} frames lie {reason} of {stream.selection.position}, and "
-            "have no position" for reason, count in self._joiner.unplaced.items()
-        ]
+        if self._joiner.unplaced:
+            summary.damage.append(
+                f"{self._joiner.unplaced} of {summary.frames} frames have no position: "
+                f"{stream.selection.position} has no fixes around them within {LONGEST_GAP:g} s")
         restarts = stream.synchronizer.restarts
         if restarts:
             times = "once" if restarts == 1 else f"{restarts} times"

@@ -94,14 +94,6 @@ class PositionTrack(Track[Position]):
     def __init__(self) -> None:
         super().__init__(LONGEST_GAP)
 
-    def lack(self, stamp: int) -> str:
-        """Say why there is no position at a stamp."""
-        if not self._values or self._values[0].stamp > stamp:
-            return "before the first fix"
-        if not self.reaches(stamp):
-            return "beyond the last fix"
-        return f"between fixes more than {LONGEST_GAP:g} s apart"
-
     def at(self, stamp: int) -> Position | None:
         """Return the position at a stamp, linear between its neighbours."""
         found = self.around(stamp)

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator, Sequence
 
 from uw_visibility.config.schema import PlausibilityConfig
@@ -36,7 +36,7 @@ class Joiner:
 
     config: the sensor's type is "none" where there is none.
     origin, joins, tolerance: as `ReplayOptions` has them.
-    unplaced: frames without a position, by reason.
+    unplaced: number of frames without a position.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Joiner:
         self._waiting: deque[JoinedFrame] = deque()
         self._comparisons: dict[int, Comparison] = {}
         self._now = 0.0
-        self.unplaced: Counter[str] = Counter()
+        self.unplaced = 0
 
     def add_frame(
         self, record: FrameRecord, filtered: FilteredWater | None = None
@@ -155,7 +155,7 @@ class Joiner:
         stamp = joined.record.stamp
         position = self._track.at(stamp)
         if position is None:
-            self.unplaced[self._track.lack(stamp)] += 1
+            self.unplaced += 1
         elif position.geographic:
             joined.longitude, joined.latitude = position.x, position.y
         else:
