@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -178,17 +177,11 @@ def _row(summary: Summary, synopsis: Synopsis, columns: Columns) -> dict[str, An
         "name": name, "href": f"{quote(name)}/report.html",
         "time": time_span(synopsis.start, synopsis.end) if synopsis.frames else "no frames",
         "start": synopsis.start / 1e9, "end": synopsis.end / 1e9,
-        "place": _place(columns), "depth": _unbroken(_depth(columns)),
-        "visibility": _unbroken(seen), "trust": _unbroken(trust),
+        "place": _place(columns), "depth": _depth(columns), "visibility": seen, "trust": trust,
         "worst": _part(Frame(name, synopsis.lowest.frame)) if synopsis.lowest else None,
         "why": "".join(map(str, verdict(summary)[-1])) if not synopsis.told else "",
         "damaged": bool(summary.damage),
     }
-
-
-def _unbroken(text: str) -> str:
-    """Keep units on the line of their numbers."""
-    return re.sub(r"(?<=\d) (?=(?:m|%)(?!\w))", "\N{NO-BREAK SPACE}", text)
 
 
 def _place(columns: Columns) -> str:

@@ -123,8 +123,6 @@ def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
         axes.set_axisbelow(True)
         figure.draw_without_rendering()
         _scale_bar(axes, metres[0])
-        if geographic:
-            _north(axes)
         return []
 
     what = label.partition(" [")[0]
@@ -202,12 +200,6 @@ def round_length(longest: float) -> float:
     """Return the longest of 1, 2 and 5 times a power of ten that is no longer than this."""
     power = 10.0 ** math.floor(math.log10(longest))
     return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest * (1.0 + 1e-9))
-
-
-def _north(axes: Any) -> None:
-    axes.annotate(
-        "N", xy=(0.965, 0.97), xytext=(0.965, 0.83), xycoords="axes fraction", ha="center",
-        va="center", arrowprops={"arrowstyle": "-|>", "color": INK}, zorder=6)
 
 
 def _height(wide: float, high: float, width: float) -> float:
