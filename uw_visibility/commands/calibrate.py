@@ -78,7 +78,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     with reading("calibrate"):
         from uw_visibility.replay.calibration import calibrate_recordings
 
-        options = read_recording_options(arguments).with_threads(1)
+        options = read_recording_options(arguments).with_one_thread()
         found, series = calibrate_recordings(arguments.bags, options, jobs=jobs(arguments))
     # Checked again: a file may have appeared meanwhile.
     _check_target(arguments)

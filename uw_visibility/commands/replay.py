@@ -183,7 +183,7 @@ def _replay(
     arguments: argparse.Namespace, options: ReplayOptions, targets: dict[Place, Place]
 ) -> list[Summary]:
     flags = {"force": arguments.force, "resume": arguments.resume}
-    options = options.with_threads(1)
+    options = options.with_one_thread()
     if arguments.scheduler is not None:
         from uw_visibility.replay.cluster import replay_on_cluster
 

@@ -123,11 +123,10 @@ class ReplayOptions:
         return {name: getattr(self, name) for name in names} | {
             "attributes": dict(self.attributes)}
 
-    def with_threads(self, threads: int) -> ReplayOptions:
-        """Return the options with so many threads for each frame, if none are given."""
-        if self.pipeline.threads:
-            return self
-        return replace(self, pipeline=replace(self.pipeline, threads=threads))
+    def with_one_thread(self) -> ReplayOptions:
+        """Return the options with one thread for each frame, if no number is given."""
+        return replace(
+            self, pipeline=replace(self.pipeline, threads=self.pipeline.threads or 1))
 
 
 def without_lacking(
