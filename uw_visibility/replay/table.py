@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import cell, refusing, uncell
-from uw_visibility.images.arrays import Array
 from uw_visibility.replay.columns import TRANSECT, Column
 
 SUFFIX = "-metadata.json"
@@ -58,14 +57,6 @@ def read_rows(path: Path) -> Iterator[dict[str, str]]:
         for row in csv.DictReader(file):
             if None not in row.values():
                 yield {name: uncell(text) for name, text in row.items() if name is not None}
-
-
-def read_columns(path: Path, names: Sequence[str]) -> dict[str, Array]:
-    """Read columns of numbers.
-
-    Returns dict of str to (n,) float64, NaN for what is not known.
-    """
-    return read_table(path, dict.fromkeys(names, Column("number", "")))
 
 
 def read_table(path: Path, columns: Mapping[str, Column]) -> dict[str, NDArray]:

@@ -32,7 +32,7 @@ from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.topics import Selection
 from uw_visibility.replay.report.sentences import clock, headline
 from uw_visibility.replay.results.mcap import NAME
-from uw_visibility.replay.table import read_columns, read_rows
+from uw_visibility.replay.table import read_rows, read_table
 from uw_visibility.stereo.rig import DISPARITY_STDDEV
 
 # Frames from which the colour scale is chosen.
@@ -173,8 +173,7 @@ class Gallery:
 
 
 def _write_video(folder: Path, frames: Iterator[Image8]) -> None:
-    stamps = read_columns(folder / "frames.csv", ["stamp"])["stamp"]
-    steps = np.diff(stamps)
+    steps = np.diff(read_table(folder / "frames.csv", {"stamp": COLUMNS["stamp"]})["stamp"])
     steps = steps[steps > 0.0]
     rate = float(np.clip(1.0 / np.median(steps), 0.5, 60.0)) if steps.size else 5.0
     writer: Any = None

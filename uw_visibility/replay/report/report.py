@@ -20,7 +20,7 @@ from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import LONGEST_MESSAGE, printable
 from uw_visibility.images.arrays import Array, Image8
 from uw_visibility.optics.visual_range import BEAM_OVER_SEEN, BEAM_OVER_SEEN_DEVIATION
-from uw_visibility.replay.columns import COLUMNS
+from uw_visibility.replay.columns import COLUMNS, Column
 from uw_visibility.replay.inputs.sensors import ScalarTopic
 from uw_visibility.replay.line_fit import FEWEST, LineFit, fit_line
 from uw_visibility.replay.report import figures
@@ -45,7 +45,7 @@ from uw_visibility.replay.results.refusals import (
     Refusal,
 )
 from uw_visibility.replay.results.summary import Summary
-from uw_visibility.replay.table import read_columns, read_rows
+from uw_visibility.replay.table import read_rows, read_table
 from uw_visibility.water.meaning.derived import QUANTITIES
 
 EVENLY_SPACED = 5
@@ -59,9 +59,8 @@ def write_report(
     folder: Path, gallery: Gallery, summary: Summary, joins: Sequence[Mapping[str, Any]] = ()
 ) -> None:
     """Write ``report.html`` to a result's folder; `joins` are the sections of `fit_joins`."""
-    columns = read_columns(
-        folder / "frames.csv", [*dict.fromkeys((*NEEDED, *TRACK_COLUMNS, *QUANTITY_COLUMNS))]
-    )
+    columns = read_table(folder / "frames.csv", {
+        name: COLUMNS[name] for name in (*NEEDED, *TRACK_COLUMNS, *QUANTITY_COLUMNS)})
     contrast = float(summary.provenance["parameters"]["assessment.contrast"])
     shown: list[dict[str, Any]] = [
         {
@@ -257,8 +256,8 @@ def fit_joins(folder: Path, joins: Sequence[ScalarTopic]) -> list[dict[str, Any]
     """Fit each joined topic over the beam attenuation; writes ``fit_TOPIC.json``."""
     sections = []
     for join in joins:
-        columns = read_columns(
-            folder / "frames.csv", ["stamp", AGAINST, f"{AGAINST}_stddev", join.column])
+        columns = read_table(folder / "frames.csv", dict.fromkeys(
+            ("stamp", AGAINST, f"{AGAINST}_stddev", join.column), Column("number", "")))
         x, x_stddev, y = columns[AGAINST], columns[f"{AGAINST}_stddev"], columns[join.column]
         fit = fit_line(x, x_stddev, y, str(join), AGAINST)
         both = int(np.count_nonzero(np.isfinite(x) & np.isfinite(y)))
