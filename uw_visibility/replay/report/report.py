@@ -33,6 +33,7 @@ from uw_visibility.replay.report.sentences import (
     formula,
     headline,
     number,
+    percentage,
     rounded,
     verdict,
 )
@@ -192,9 +193,9 @@ def quantities(
                 "what": f"{what}; {extent}"})
     enhanced, original = (columns[name][np.isfinite(columns[name])] for name in MATCHED)
     if original.size:
-        recorded = percent(float(np.median(original)))
+        recorded = percentage(float(np.median(original)))
         rows.append({
-            "title": "matched", "value": percent(float(np.median(enhanced))),
+            "title": "matched", "value": percentage(float(np.median(enhanced))),
             "what": f"part of the left image, median; {recorded} of the pairs as recorded"})
     return rows + _water_type(summary)
 
@@ -206,13 +207,6 @@ def _extent(known: int, frames: int, low: float, high: float, unit: str) -> str:
     median = "median" if known == frames else f"median of {known} of {frames} frames"
     of_them = "the frames" if known == frames else "them"
     return f"{median}, {number(low)} to {number(high)} {unit} in 90 % of {of_them}"
-
-
-def percent(share: float) -> str:
-    """Return a share as a percentage; 100 % means all, 0 % means none."""
-    if 0.0 < share < 1.0:
-        share = min(max(share, 0.01), 0.99)
-    return f"{100.0 * share:.0f} %"
 
 
 def _water_type(summary: Summary) -> list[dict[str, str]]:
