@@ -90,8 +90,6 @@ def write_report(
         verdicts=[
             (COLUMNS["plausibility"].meaning(name), count)
             for name, count in summary.counts["plausibility"].most_common()],
-        timings=_timings(folder / "timings.csv"),
-        threads=int(summary.provenance["threads"]),
         source=_source(summary),
         parameters=_parameters(summary),
     )
@@ -124,17 +122,6 @@ def _representative(folder: Path, summary: Summary) -> set[str]:
 
 def _meaning(refusal: Refusal) -> str:
     return "No result." if refusal.what == WHOLE_FRAME else meaning(refusal.why)
-
-
-def _timings(path: Path) -> list[dict[str, str]]:
-    rows = list(read_rows(path)) if path.is_file() else []
-    found = []
-    for stage in [name for name in rows[0] if name != "frame"] if rows else ():
-        values = [float(row[stage]) for row in rows if row[stage]]
-        if values:
-            median, high = np.percentile(values, [50.0, 95.0])
-            found.append({"stage": stage, "median": f"{median:.1f}", "high": f"{high:.1f}"})
-    return found
 
 
 def _source(summary: Summary) -> list[tuple[str, str]]:
