@@ -36,13 +36,9 @@ class StereoCamera:
     baseline: float = 0.12  # distance of the right camera from the left one in m
 
     def __post_init__(self) -> None:
-        if not 8 <= min(self.width, self.height) <= max(self.width, self.height) <= LARGEST_SIDE:
-            raise InputError(
-                f"image size is {self.width}x{self.height}: give from 8x8 up to "
-                f"{LARGEST_SIDE}x{LARGEST_SIDE} pixels"
-            )
-        for name, value in (("focal length", self.focal_length), ("baseline", self.baseline)):
-            check_range(name, value, 0.0, above=True)
+        check_range("sides of the image size", (self.width, self.height), 8, LARGEST_SIDE, "px")
+        check_range("focal length", self.focal_length, 0.0, above=True)
+        check_range("baseline", self.baseline, 0.0, above=True)
 
     @property
     def principal_point(self) -> tuple[float, float]:
