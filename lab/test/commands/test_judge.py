@@ -132,4 +132,5 @@ def test_nights_by_lamps_have_their_rows(
     assert [row[:24].strip() for row in rows[:4]] == [
         "lamps, no effect", "lamps, random effects", "lamps, even ground",
         "daylight 0 beside"]
+    assert rows[-2].startswith("lamps, rendered reefs")
     assert rows[-1].startswith("told as daylight")

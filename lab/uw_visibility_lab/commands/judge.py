@@ -198,6 +198,7 @@ _DAYLIGHT = (0.0, 0.02, 0.1, 0.3, 0.6, 0.9)
 def _nights(arguments: argparse.Namespace) -> Iterator[_Kind]:
     from uw_visibility_lab.posterior.cases import by_lamps
     from uw_visibility_lab.posterior.judge import OnBoard, under_lamps
+    from uw_visibility_lab.posterior.lamps import reefs
     from uw_visibility_lab.worlds.night import EFFECTS
 
     frames = partial(by_lamps, _scenes("scenes", arguments.scenes), seed=arguments.seed)
@@ -209,6 +210,9 @@ def _nights(arguments: argparse.Namespace) -> Iterator[_Kind]:
     kinds |= {f"daylight {share:g} beside": {"daylight": share} for share in _DAYLIGHT}
     for name, what in kinds.items():
         yield _Kind(name, arguments.cases, partial(frames, **what), {"lamps": under_lamps})
+    yield _Kind(
+        "lamps, rendered reefs", arguments.cases, partial(reefs, first=arguments.seed),
+        {"lamps": under_lamps})
     yield _Kind("told as daylight", arguments.cases, frames, {"free": OnBoard()})
 
 

@@ -40,7 +40,7 @@ from uw_visibility_lab.worlds.scenes import pool as scenes_of
 CASES = 80
 # Of the reefs. No daylight is left in that depth, m, so that none is missing in the frames.
 CAMERA, DEPTH = StereoCamera(480, 360, 450.0, 0.12), 40.0
-# Seeds of nights, and of reefs that no study shows.
+# Seeds of nights, and of reefs that `judge` does not show.
 SEED, REEFS = 11, 1000
 # Exponent of reflectance over its median: ground as even as sand and rock.
 EVEN = 0.35
@@ -59,12 +59,12 @@ class Night(NamedTuple):
     attenuation: Array
 
 
-def reefs(number: int) -> Iterator[LampCase]:
-    """Reefs of the simulation under two and four lamps, true ranges."""
+def reefs(number: int, first: int = REEFS) -> Iterator[LampCase]:
+    """Reefs of the simulation under two and four lamps, true ranges; `first` is a seed."""
     for index in range(number):
         rng = np.random.default_rng((SEED, index))
         lamps = default_rig(2 if index % 2 else 4)
-        seed = REEFS + index
+        seed = first + index
         lighting = Lighting(lamps, daylight=False, shaded=index % 4 < 2)
         water = Water(math.exp(rng.uniform(math.log(0.05), math.log(0.4))), DEPTH)
         frame = Renderer(CAMERA, workers=Workers(), lighting=lighting).render(
