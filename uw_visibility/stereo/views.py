@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import DisparityMap
+from uw_visibility.stereo.elas.postprocess import columns_in_right
 from uw_visibility.stereo.interpolation import fill_from_farther
 
 
@@ -37,21 +37,9 @@ def _warp(start: int, stop: int, disparity: Any, warped: Any) -> None:
     column = np.empty(width, np.int32)
     for y in range(start, stop):
         row = disparity[y]
-        _columns(row, column)
+        columns_in_right(row, column)
         nearest[:] = nothing
         for x in range(width):
-            at = np.uint32(column[x])
+            at = np.uint32(column[x] + 1)
             nearest[at] = max(nearest[at], row[x])
         fill_from_farther(nearest[1:], width, warped[y])
-
-
-@njit(nogil=True, error_model="numpy")
-def _columns(row: Any, column: Any) -> None:
-    """Write one more than the column of the right view that each pixel is seen in; 0 for none.
-
-    All pixels at once, since that makes vector code.
-    """
-    for x in range(row.size):
-        other = x - row[x]
-        inside = (other > -0.5) & (other < row.size - 0.5)
-        column[x] = index_of(other + 1.5, 0, row.size) if inside else np.int32(0)
