@@ -59,8 +59,8 @@ def test_arrays_of_kernels_are_annotated_as_any(file: Path) -> None:
 CONVERSIONS = re.compile(r"(np\.)?(int|round|u?int32|u?int64|u?intp)$")
 # Names, of arrays too, that stand for whole numbers in all kernels.
 WHOLE_NAMES = {
-    "_BARRED", "_BITS", "_DISPARITY_BITS", "_DISPARITY_MASK", "_MASK", "_MATCHED",
-    "_MATCHED_BITS", "_NOTHING", "_ROUNDS", "above", "at", "before", "after", "below", "best_left",
+    "_BARRED", "_BITS", "_DISPARITY_BITS", "_DISPARITY_MASK", "_MASK",
+    "_NOTHING", "_ROUNDS", "above", "at", "before", "after", "below", "best_left",
     "blue", "code", "colours", "column", "count", "d", "descriptors", "energy", "entry", "first",
     "green", "held", "here", "i", "k", "key", "marks", "max_gap", "peek", "shift", "start", "steps",
     "symbol", "to", "total", "u", "v", "x", "y",

@@ -94,8 +94,9 @@ class DenseSearch:
         """
         self._workers.rows(
             _try_planes, plane.shape[0], *descriptors, plane, steep, *self._disparities,
-            plane_prior(self._config), *self._keys, *self.best, refined,
+            plane_prior(self._config), *self._keys, *self.best,
         )
+        self._workers.rows(_refine, plane.shape[0], *descriptors, self.best[0], refined)
 
 
 @njit(nogil=True)
@@ -125,7 +126,7 @@ def _try_candidates(
 @njit(nogil=True)
 def _try_planes(
     start: int, stop: int, left: Any, right: Any, plane: Any, steep: Any, low: int, high: int,
-    prior: Any, keys_left: Any, keys_right: Any, best_left: Any, best_right: Any, refined: Any,
+    prior: Any, keys_left: Any, keys_right: Any, best_left: Any, best_right: Any,
 ) -> None:
     height, width = plane.shape
     radius = len(prior) - 1
@@ -148,7 +149,6 @@ def _try_planes(
         for x in range(width):
             best_left[y, x] = _disparity_of(here[x])
             best_right[y, x] = _disparity_of(there[x])
-            refined[y, x] = _refine(left, right, y * width, x, np.int32(best_left[y, x]), width)
 
 
 @njit(nogil=True, inline="always")
@@ -157,20 +157,27 @@ def _disparity_of(key: Any) -> Any:
 
 
 @njit(nogil=True)
-def _refine(left: Any, right: Any, row: int, x: int, d: Any, width: int) -> float:
-    """Disparity of a pixel at sub-pixel resolution; `row` is the row's first pixel."""
-    if d < 0:
-        return np.nan
-    offset = 0.0
-    if BORDER < x - d < width - BORDER - 1:
-        i = (row + x) * BYTES
-        j = i - d * BYTES
-        offset = meeting_of_lines(
-            absolute_difference(left, i, right, j + BYTES),
-            absolute_difference(left, i, right, j),
-            absolute_difference(left, i, right, j - BYTES),
-        )
-    return max(d + offset, 0.0)
+def _refine(
+    start: int, stop: int, left: Any, right: Any, best_left: Any, refined: Any
+) -> None:
+    """Write disparities at sub-pixel resolution; NaN where nothing was tried."""
+    width = best_left.shape[1]
+    for y in range(start, stop):
+        for x in range(width):
+            d = np.int32(best_left[y, x])
+            if d < 0:
+                refined[y, x] = np.nan
+                continue
+            offset = 0.0
+            if BORDER < x - d < width - BORDER - 1:
+                i = (y * width + x) * BYTES
+                j = i - d * BYTES
+                offset = meeting_of_lines(
+                    absolute_difference(left, i, right, j + BYTES),
+                    absolute_difference(left, i, right, j),
+                    absolute_difference(left, i, right, j - BYTES),
+                )
+            refined[y, x] = max(d + offset, 0.0)
 
 
 @njit(nogil=True, inline="always")
