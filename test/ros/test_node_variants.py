@@ -90,14 +90,14 @@ def attenuation(client: Any, large_scene: Any, info: Any) -> np.ndarray:
     return np.array([vector.x, vector.y, vector.z])
 
 
-# A JPEG with colour at half of the resolution has lost some of what the estimate needs, and one
-# with all of it is matched as noise is: a standard deviation of attenuation.
+# A JPEG has lost some of what the estimate needs, and is matched as noise is: attenuation moves by
+# a standard deviation, which is 0.4 to 0.5 of that of green and blue.
 @pytest.mark.parametrize(("kind", "codec", "layout", "encoding", "tolerance"), [
     ("bgr8; png compressed bgr8", ".png", coloured, "bgr8", 1e-6),
     ("rgb16; png compressed bgr16", ".png", deep, "rgb16", 0.12),
     ("bayer_rggb8; png compressed", ".png", mosaic, "rgb8", 0.35),
     ("mono8; png compressed", ".png", grey, "mono8", None),
-    ("rgb8; jpeg compressed bgr8", "JPEG", coloured, "rgb8", 0.35),
+    ("rgb8; jpeg compressed bgr8", "JPEG", coloured, "rgb8", 0.5),
     ("bgr8; jpeg compressed bgr8", ".jpg", coloured, "bgr8", 0.5),
     ("jpeg", ".jpg", coloured, "bgr8", 0.5),
     ("mono8; jpeg compressed ", ".jpg", grey, "mono8", None),
