@@ -83,17 +83,27 @@ class Restorer:
         far fades into it. Grain stays as it is, see `uw_visibility.enhancement.grain`. A channel
         that is not assessable is handed on as it is.
 
-        image: (H, W, 3) or (H, W) of uint8 or uint16, pixel values.
-        range_map: (H, W) float32, range along the line of sight, m; unknown where NaN, inf or
-            negative.
-        water: `attenuation`, `ambient_light` (the veil B) and, where it is another one,
+        Parameters
+        ----------
+        image : (H, W, 3) or (H, W) ndarray of uint8 or uint16
+            Pixel values.
+        range_map : (H, W) float32 ndarray
+            Range along the line of sight, m; unknown where NaN, inf or negative.
+        water : Water
+            `attenuation`, `ambient_light` (the veil B) and, where it is another one,
             `scene_light` (W), one value a channel; `veil_stddev`, where the veil is not exact;
             `exposure` over that of the camera whose look is kept, where it is another one.
-        noise: (3,) or (1,) float64, standard deviation of the image's noise in code values;
-            measured by default.
-        known: (H, W) float32, what is known of the range, 0..1, see `known_range`; all by default.
-        Returns `enhanced`, of the image's shape and type; `limited`, (H, W) bool, where an
-        assessable channel is restored by less than half.
+        noise : (3,) or (1,) float64 ndarray, optional
+            Standard deviation of the image's noise in code values; measured by default.
+        known : (H, W) float32 ndarray, optional
+            What is known of the range, 0..1, see `known_range`; all by default.
+
+        Returns
+        -------
+        enhanced : ndarray
+            Of the image's shape and type.
+        limited : (H, W) bool ndarray
+            Where an assessable channel is restored by less than half.
         """
         planes = as_channels(image, range_map)
         decode = linear_table(self._transfer, image.dtype)
