@@ -31,7 +31,11 @@ RISE = -CAMERA.rig.ray_directions(SHAPE)[..., 1]
 
 
 def view_of(radiance=RADIANCE, ranges=RANGES) -> View:
-    return View.of_pixels(CAMERA, POSE, radiance, ranges)
+    """Take an image in daylight and its ranges, each pixel a sample of one surface."""
+    colours, rays = radiance.reshape(-1, 3), CAMERA.rig.ray_directions(SHAPE)
+    return View(
+        SHAPE, np.arange(ranges.size), rays.reshape(-1, 3), ranges.ravel(), colours, colours,
+        np.zeros_like(colours), np.array(POSE.position), POSE.rotation())
 
 
 def image(effects: WaterEffects, radiance=RADIANCE, ranges=RANGES, alpha=0.2) -> np.ndarray:

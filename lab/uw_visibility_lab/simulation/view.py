@@ -55,15 +55,6 @@ class View:
     eye: Array  # (3,); the camera's position in the world, m
     rotation: Array  # (3, 3); axes of its optical frame in the world, as columns
 
-    @classmethod
-    def of_pixels(cls, camera: StereoCamera, pose: Pose, radiance: Map, ranges: Map) -> View:
-        """Take an image in daylight and its ranges, each pixel a sample of one surface."""
-        colours, rays = radiance.reshape(-1, 3), camera.rig.ray_directions(ranges.shape)
-        return cls(
-            (camera.height, camera.width), np.arange(ranges.size), rays.reshape(-1, 3),
-            ranges.ravel(), colours, colours, np.zeros_like(colours), np.array(pose.position),
-            pose.rotation())
-
     @property
     def range(self) -> Map:
         """Distance along the ray through each pixel's middle in m, (H, W)."""
