@@ -22,7 +22,7 @@ def fill_gaps(
     """Fill gaps within rows from the background, which is what most of them hide.
 
     Each takes the farther of its two sides in the row (Hirschmüller 2008, section 2.6.3, fills
-    occlusions from there, too), if no pixel of it is more than `max_gap` px from either.
+    occlusions from there, too), unless it is wider than twice `max_gap`, px.
 
     disparity: (H, W) float32, px; NaN = a gap.
     Returns (H, W) float32, a new map; NaN stays in wider gaps.
