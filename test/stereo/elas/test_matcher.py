@@ -63,6 +63,15 @@ def test_both_sides_of_a_depth_step_are_found(texture, contrast_of):
     assert matched[40:80, 60:68].mean() < 0.1
 
 
+def test_no_disparity_leads_out_of_the_right_image(texture, contrast_of):
+    wall = texture((120, 240), 1)
+    found = match((wall[:, :200].copy(), wall[:, 30:230].copy()), contrast_of).disparity
+    column = np.broadcast_to(np.arange(200), found.shape)
+    matched = np.isfinite(found)
+    assert matched[:, 45:].mean() > 0.8
+    assert np.all(column[matched] - found[matched] >= 0)
+
+
 def test_what_the_right_view_does_not_show_is_for_colour_only(texture, contrast_of):
     """A gap that is narrow enough is bridged from the wall, which the box hides there."""
     pair, truth = step_pair(texture, near=13, far=8)
