@@ -19,6 +19,7 @@ from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.inference import infer
 from uw_visibility.water.daylight.network import trained
 from uw_visibility.water.daylight.statistics import (
+    QUANTILES,
     summarise,
 )
 from uw_visibility.water.estimate import WaterEstimate
@@ -175,6 +176,17 @@ class TestRefusalsOfThePosterior:
                 View.of(image).colour, one.range, None), 0.0, KAPPA)).misfit
             for image in (one.image, dark))
         # Of the dark half, ln² of up to 12.
+        assert even < 0.01 and uneven > 1.0
+
+    def test_surfaces_brighter_than_white_are_a_misfit(self):
+        one = draw(1)
+        seen = summarise(reduce_to_blocks(
+            View.of(one.image).colour, one.range, None), 0.0, KAPPA)
+        # The brightest of each bin, e² times as bright.
+        bright = seen.of_bins.copy()
+        bright[..., len(QUANTILES) - 1] += 2.0
+        even, uneven = (
+            infer(trained(), each).misfit for each in (seen, seen._replace(of_bins=bright)))
         assert even < 0.01 and uneven > 1.0
 
     def test_what_no_estimator_tells_it_does_not_tell(self):
