@@ -13,9 +13,12 @@ from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.status import REFUTING, Status
 from uw_visibility.water.blocks import Blocks
 from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.lamps.survey import LampSurvey
 from uw_visibility.water.observations import observe
 from uw_visibility.water.series.filter import WaterFilter
+from uw_visibility.water.series.survey import SurveyEstimate
 from uw_visibility.water.series.tracking import TrackingEvent
+from uw_visibility_lab.simulation.lamps import default_rig, lighting_parameters
 
 STARTED, UPDATED = TrackingEvent.STARTED, TrackingEvent.UPDATED
 
@@ -173,6 +176,27 @@ def test_frames_that_show_nothing_alone_do_together() -> None:
     # What another rig saw does not count.
     other = kept.update(flat(41), 41.0, "other")
     assert other is not None and other.survey is None
+
+
+@pytest.mark.parametrize(("scale", "deviation", "taken"), [
+    (2.0, 0.03, True), (0.5, 0.015, False), (2.0, 0.05, False),
+])
+def test_a_survey_under_lamps_is_taken_where_its_relative_deviation_is_smaller(
+    monkeypatch: pytest.MonkeyPatch, scale: float, deviation: float, taken: bool
+) -> None:
+    """What is too clear has a small deviation, too: that alone says nothing."""
+    one = water()
+    together = replace(
+        one, attenuation=scale * one.attenuation,
+        covariance=np.diag([deviation**2, 0.01**2] * 3))
+    monkeypatch.setattr(LampSurvey, "estimate", lambda _: SurveyEstimate(
+        together, 40, 39.0, 1.0, 3.0))
+    kept = WaterFilter(PipelineConfig.from_parameters(
+        lighting_parameters(default_rig(2), daylight=False)))
+    found = kept.update(one, 0.0)
+    assert found is not None and (found.event is TrackingEvent.SURVEYED) == taken
+    expected = together if taken else one
+    np.testing.assert_allclose(found.water.attenuation, expected.attenuation, rtol=1e-6)
 
 
 def test_no_survey_where_it_is_turned_off() -> None:
