@@ -24,7 +24,7 @@ ONE_SIGMA = np.array((0.16, 0.5, 0.84))
 
 @dataclass(frozen=True)
 class LampLight:
-    """Light of lamps and water, what images under lamps are restored with.
+    """Light of lamps and water, with which images under lamps are restored.
 
     Attributes
     ----------
@@ -37,9 +37,9 @@ class LampLight:
     daylight, veil : (3,) float64 ndarray
         Irradiance of white by daylight, and of the water at infinity; 0 without.
     nodes : Nodes or None
-        The frame's, for a survey to take with those of others.
+        Nodes of the frame, for a survey.
     ground : GroundView or None
-        The frame, for a survey to find the ground of others in it.
+        Reduced frame, in which a survey tracks points of the ground.
     """
 
     attenuation: Array
@@ -53,7 +53,7 @@ class LampLight:
 
 @dataclass(frozen=True)
 class WaterEstimate:
-    """What the water does to light, as one image shows it.
+    """Attenuation and light of the water, estimated from one image or several.
 
     Attributes
     ----------
@@ -87,8 +87,7 @@ class WaterEstimate:
         16, 50 and 84 % of −ln min β over the channels, β in 1/m; None where it is as β and
         its covariance say.
     blocks : Blocks or None
-        Some of what the posterior was inferred from, for a survey to take with that of other
-        frames.
+        Some of the blocks of pixels that were used, for a survey.
     lamps : LampLight or None
         Light of the lamps, where they light the scene.
     grey_on_average : bool
@@ -97,11 +96,10 @@ class WaterEstimate:
     blue_as_green : bool
         Whether green and blue have the same mean, and red a lower one.
     transfer_log_odds : float
-        How much likelier the image is if the camera's transfer is not the one that was
-        told, as a logarithm; NaN where it does not say.
+        Log odds that the camera's transfer is not the configured one; NaN if unknown.
     lamps_log_odds : float
-        How much likelier the image is by lamps that were not told than by daylight, as a logarithm;
-        NaN where it does not say, or lamps were told.
+        Log odds that undeclared lamps light the image instead of daylight; NaN if unknown, or if
+        lamps are declared.
     """
 
     status: Status
@@ -159,7 +157,7 @@ class WaterEstimate:
 
     @classmethod
     def not_assessable(cls, reason: Status, envelope: Envelopes | None = None) -> WaterEstimate:
-        """Return an estimate that says only why there is none."""
+        """Return an estimate without values, with the reason."""
         return cls(
             status=reason, attenuation=np.full(3, np.nan), ambient_light=np.full(3, np.nan),
             covariance=np.full((6, 6), np.nan), iterations=0,
@@ -170,7 +168,7 @@ class WaterEstimate:
 def overall_status(channels: Sequence[Status]) -> Status:
     """Status of an estimate from those of its channels.
 
-    Water takes the light of a channel, such as red below some 10 m: what the others say stands.
+    Channels without light, such as red below some 10 m, do not count.
 
     Returns
     -------
@@ -187,7 +185,7 @@ def overall_status(channels: Sequence[Status]) -> Status:
 def of_channels(
     status: Sequence[Status], attenuation: Array, ambient_light: Array, covariance: Array
 ) -> dict[str, Any]:
-    """Fields of an estimate that its channels tell, with their covariance, (6, 6)."""
+    """Fields of an estimate, from its channels and their covariance, (6, 6)."""
     return {
         "status": overall_status(status), "channel_status": tuple(status),
         "attenuation": attenuation, "ambient_light": ambient_light,

@@ -21,17 +21,17 @@ from uw_visibility.optics.transfer import linear_table
 
 # The search looks at cells of this side, px.
 _CELL = 4
-# Lengths as parts of the image's width: from this far off any support point an area
-# is void of them; as far as this a thing's outline blurs into its surroundings.
+# Parts of the image's width: least distance from all support points that makes an area unmatched;
+# width of the blurred outline of an object.
 _VOID = 0.04
 _OUTLINE = 0.1
 # Part of the scene's cells beyond its range of irradiance.
 _OUTSIDE = 0.005
-# How far beyond that range a foreground object is, of its ends and of the largest
+# Least distance of a foreground object from that range, as a part of its ends and of the largest
 # irradiance.
 _BEYOND = 0.1
 _BEYOND_LEAST = 0.015
-# Open water may be brighter than all of the scene, but is never redder than what is far.
+# Open water may be brighter than all of the scene, but is never redder than far surfaces.
 _FAR = 0.1
 _REDDER = 0.06
 # Part of the image that a foreground object covers at least.
@@ -58,7 +58,7 @@ def foreground_mask(image: NDArray[Any], points: NDArray[np.float32], transfer: 
     void = _distance(matched) > _VOID * width
     if np.count_nonzero(void) < _LEAST_AREA * void.size:
         return None
-    # What is matched beside a void may be its outline.
+    # Matches beside an unmatched area may be on an object's outline.
     scene = (matched > 0) & (_distance(void) > _OUTLINE * width)
     if np.count_nonzero(scene) < _LEAST_AREA * void.size:
         return None

@@ -18,14 +18,14 @@ from uw_visibility.water.daylight.validation import MIN_CODES
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.depth import DepthModel
 
-# A distance says nothing if its 16 and 84 % differ by more than this factor, twice as far and half
-# as far as its middle; a depth if its standard deviation is beyond this fraction of the largest.
+# Largest ratio of the 84 % to the 16 % quantile of a distance, and largest standard deviation of a
+# depth, as a part of the largest depth; beyond, they are refused.
 WIDEST_INTERVAL = 4.0
 MAX_RELATIVE_STDDEV = 0.5
-# Relative standard deviations of β are cut at this: its exponential is finite, and no distance is
-# told long before.
+# Limit of the relative standard deviation of β, so that its exponential is finite; far smaller ones
+# are refused.
 MOST_SPREAD = 10.0
-# Light whose colour is farther from that of any daylight below water tells no depth.
+# Largest distance of the light's colour from that of daylight below water, in standard deviations.
 MAX_COLOUR_ERROR = 3.0
 
 
@@ -44,7 +44,7 @@ class Visibility:
     distance, distance_stddev : float
         Visibility distance (eq. 12), m: its median, and half of the interval from 16 to 84 %.
     distance_low, distance_high : float
-        Where it is with 16 and 84 % probability at most, m. Attenuation is uncertain by a factor,
+        16 and 84 % quantiles of the distance, m. Attenuation is uncertain by a factor,
         so that the distance is farther above the median than below.
     depth, depth_stddev : float
         Depth (eq. 13), m, positive down.
@@ -87,12 +87,12 @@ class Assessor:
     clear_water_attenuation : (3,) float64 ndarray
         κ, 1/m.
     daylight : Daylight
-        What the ambient light is made of, for the estimate.
+        Prior of the ambient light's colour, for the estimate.
     """
 
     def __init__(self, config: PipelineConfig) -> None:
         white, response = config.camera.white_reference, load_response(config.camera.response)
-        # Where it is another, the balance was measured, and images may well be grey with it.
+        # Another reference was measured, and images may be grey with it.
         self._white_is_daylight = np.ptp(np.asarray(white, np.float64)) == 0.0
         self._config = config.assessment
         self.clear_water_attenuation = clear_water_attenuation(response)
@@ -103,7 +103,7 @@ class Assessor:
     def assess(self, estimate: WaterEstimate, by_lamps: bool = False) -> Visibility:
         """Assess visibility and depth, with standard deviations by propagation.
 
-        Where lamps light the scene, its colour tells no depth.
+        Under lamps the colour does not show the depth.
 
         A channel that is too dark to be assessed does not count: mean attenuation is that of the
         others, depth needs two of them, and the distance is that of the best one.
@@ -167,7 +167,7 @@ class Assessor:
         of_model, colour_error = model.model_stddev(
             depth, attenuation, estimate.attenuation_stddev[seen], light)
         stddev = math.hypot(precision, scene, of_model)
-        # By daylight a channel is lost far below only.
+        # By daylight a channel becomes too dark only far below.
         deepest = depth + MAX_COLOUR_ERROR * stddev
         lost = self._depth.light(deepest, estimate.scene_light, seen) > _least_light(estimate)
         if colour_error > MAX_COLOUR_ERROR or (lost & ~seen).any():

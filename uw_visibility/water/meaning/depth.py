@@ -26,15 +26,15 @@ REFINEMENTS = 8
 CLEAR = "clear"
 ESTIMATED = "estimated"
 
-# How likely the configured water type is beforehand, against all others together.
+# Prior probability of the configured water type, against all others together.
 CONFIGURED = 0.5
-# How far the colour of light is from that of daylight below water of a type, as a logarithm.
+# Standard deviation of ln of the light's colour about that of daylight below water of a type.
 COLOUR_TOLERANCE = 0.2
-# The white that a camera has at the surface differs from the reference by this part.
+# Relative standard deviation of a camera's white at the surface about the reference.
 WHITE_TOLERANCE = 0.15
 SPREAD_STEP = 0.5
-# Cameras of which no white was told that are balanced below water, and how far from neutral
-# light is then, as a logarithm; mean depth beforehand, m.
+# Prior probability that a camera without white reference is balanced below water, and the standard
+# deviation of ln of the light about neutral then; prior mean depth, m.
 BALANCED = 0.1
 NEUTRAL_TOLERANCE = 0.15
 USUAL_DEPTH = 6.0
@@ -58,7 +58,7 @@ class DepthModel:
     Attributes
     ----------
     daylight : Daylight
-        What this says of the ambient light.
+        Prior of the ambient light's colour.
 
     Raises
     ------

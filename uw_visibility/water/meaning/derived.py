@@ -44,19 +44,18 @@ TYPICAL_DEPTH = 3.0
 TYPICAL_RANGE = 3.0
 # Chi squared of a type beyond which water is not of it (0.1 %), for 1 to 3 channels.
 FARTHEST = (10.8, 13.8, 16.3)
-# A type is told where it and its neighbours have this much of the likelihood.
+# Least share of the likelihood that a type and its neighbours need for a verdict.
 TOLD = 0.9
 # How far Kd of water of a type is from its table, as a part: half of the way to the next.
 DIFFUSE_TOLERANCE = 0.2
-# A standard deviation beyond this part says nothing.
+# Largest relative standard deviation.
 MAX_RELATIVE_STDDEV = 1.0
 
 
 class Quantity(NamedTuple):
     """Description of a derived quantity.
 
-    `unit` is as UDUNITS writes it, `title` for tables and figures; then its definition, what to
-    mind, and the source.
+    `unit` is that of UDUNITS, `title` is for tables and figures.
     """
 
     unit: str
@@ -108,11 +107,11 @@ class DerivedQuantities:
     black_disc_visibility, black_disc_visibility_stddev : float
         m.
     water_type : str
-        Nearest Jerlov type; empty where none is told.
+        Nearest Jerlov type; empty without a verdict.
     water_type_likelihood : float
         Its share of the likelihood of all types.
     water_type_status : Status
-        Why no type is told, or `Status.OK`.
+        Reason for no verdict on the type, or `Status.OK`.
     diffuse_attenuation_490, diffuse_attenuation_490_stddev : float
         1/m.
     secchi_depth, secchi_depth_stddev : float
@@ -139,12 +138,12 @@ class DerivedQuantities:
 
     @property
     def black_disc_visibility_low(self) -> float:
-        """Where the black disc's distance is with 16 % probability at most, m."""
+        """16 % quantile of the black disc's distance, m."""
         return self.interval("black_disc_visibility")[0]
 
     @property
     def black_disc_visibility_high(self) -> float:
-        """Where the black disc's distance is with 84 % probability at most, m."""
+        """84 % quantile of the black disc's distance, m."""
         return self.interval("black_disc_visibility")[2]
 
 

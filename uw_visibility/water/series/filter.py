@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Filter of the water's state over frames and its assessment, for library, node and replay.
 
-The only part of a frame's way that needs the frames before it.
+Nothing else in the processing of a frame needs earlier frames.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from uw_visibility.water.meaning.assessment import Assessor, Visibility
 from uw_visibility.water.series.survey import Survey, SurveyEstimate
 from uw_visibility.water.series.tracking import TrackingEvent, WaterTracker
 
-# A frame that the state is not taken from.
+# Events of frames that do not update the state.
 _UNSEEN = (TrackingEvent.PREDICTED, TrackingEvent.NOT_ASSESSABLE)
 # Log odds beyond which a frame counts as certain.
 CERTAIN = 3.4
-# Frames of a recording show one scene, so that they are no more than so many independent ones;
-# what they say on average, the latest count, of at least so many, for the transfer to be told.
+# Least number of frames for a verdict on the transfer, number of recent frames averaged, and mean
+# log odds beyond which the transfer is refused.
 INDEPENDENT = 4
 LATEST = 20
 CERTAIN_TOGETHER = 1.7
@@ -49,13 +49,13 @@ class FilteredWater(NamedTuple):
     visibility : Visibility
         Mean attenuation, visibility distance and depth of it.
     event : TrackingEvent
-        What the frame did to the state.
+        Effect of the frame on the state.
     assessed, rejected : int
         Frames so far that had an estimate, and those of them that were rejected.
     rejected_in_a_row : int
-        Those since the last one that was taken in.
+        Rejected frames since the last accepted one.
     survey : SurveyEstimate or None
-        What `water` rests on where no frame of late shows it by itself.
+        Estimate from recent frames together, where `water` is that.
     """
 
     water: WaterEstimate
@@ -68,18 +68,18 @@ class FilteredWater(NamedTuple):
 
 
 class KnownWater(NamedTuple):
-    """Water that the frames so far tell: what a frame that is refused is restored with.
+    """Water estimated from the frames so far, with which a refused frame is restored.
 
     Attributes
     ----------
     water : WaterEstimate
-        The filtered state, without what it was estimated from.
+        The filtered state, without its observations.
     stamp : float
         Time of the last frame, s.
     rig : object
-        What took it.
+        Camera that took it.
     timeout : float
-        How long it holds, s.
+        How long it is valid, s.
     """
 
     water: WaterEstimate
@@ -88,7 +88,7 @@ class KnownWater(NamedTuple):
     timeout: float
 
     def at(self, stamp: float, rig: object = None) -> WaterEstimate | None:
-        """Return the water of the next frame; None where the filter would begin anew."""
+        """Return the water for the next frame; None where the filter would restart."""
         holds = rig == self.rig and 0.0 < stamp - self.stamp <= self.timeout
         return self.water if holds else None
 
@@ -96,7 +96,7 @@ class KnownWater(NamedTuple):
 class WaterFilter:
     """Kalman filter over the estimates of frames, taken in order, and their assessment.
 
-    Where no frame of late shows the water by itself, its frames are taken together.
+    Where no recent frame is assessable alone, recent frames are estimated together.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class WaterFilter:
     Attributes
     ----------
     known : KnownWater or None
-        Water that the next frame is restored with if it is refused; None where none is known.
+        Water with which the next frame is restored if it is refused; None if unknown.
     """
 
     def __init__(self, config: PipelineConfig) -> None:
@@ -133,16 +133,16 @@ class WaterFilter:
     def update(
         self, water: WaterEstimate, stamp: float, rig: object = None
     ) -> FilteredWater | None:
-        """Take in one frame's estimate.
+        """Update the state by one frame's estimate.
 
         Parameters
         ----------
         water : WaterEstimate
             Of this frame alone; a survey needs its envelopes.
         stamp : float
-            Time of the frame, s; one that is not later than the last begins anew.
+            Time of the frame, s; one that is not later than the last restarts the filter.
         rig : object
-            What took the frame, such as a `StereoRig`; another one begins anew.
+            Camera, such as a `StereoRig`; another one restarts the filter.
 
         Returns
         -------
@@ -170,7 +170,7 @@ class WaterFilter:
         survey = self._surveyed(water, filtered, stamp, event)
         together = self._refuted(filtered)
         refuted = water.status if together is Status.OK else together
-        # What shows nothing is bridged; what contradicts a frame does so to those before it too.
+        # Frames that show nothing are bridged. What refutes a frame refutes those before it, too.
         if together is not Status.OK or (event in _UNSEEN and refuted in REFUTING):
             filtered, event, survey = WaterEstimate.not_assessable(
                 refuted, water.envelope), TrackingEvent.NOT_ASSESSABLE, None
@@ -179,7 +179,7 @@ class WaterFilter:
         filtered = replace(filtered, grey_on_average=grey)
         visibility = self._assessor.assess(filtered, self._by_lamps)
         if event is TrackingEvent.PREDICTED and visibility.status is not Status.OK:
-            # What is no longer known is so for the reason that frames do not show it.
+            # The reason is that of the frames that do not show the water.
             visibility = replace(visibility, status=water.status)
         if np.isfinite(filtered.attenuation).any():
             kept = replace(filtered, envelope=None, blocks=None, lamps=None)
@@ -200,7 +200,7 @@ class WaterFilter:
     ) -> SurveyEstimate | None:
         """Add a frame to the survey; return its estimate where the filter has none.
 
-        Under lamps also where it is surer than the filter's.
+        Under lamps also where it is more precise than the filter's.
         """
         if not self.config.survey.enabled:
             return None
@@ -211,15 +211,15 @@ class WaterFilter:
         known = np.isfinite(survey.water.attenuation)
         if survey.frames < self.config.survey.min_frames or not known.any():
             return None
-        # In relation to β: errors grow with it, so that what is too clear looks sure.
+        # Relative to β: errors grow with it, so that too low values look precise.
         surer = _relative(survey.water) < np.nan_to_num(_relative(filtered), nan=np.inf)
         return survey if not self._by_lamps or surer[known].all() else None
 
     def _refuted(self, filtered: WaterEstimate) -> Status:
-        """Why no water is told: together frames may be certain of what none of them is alone."""
+        """Reason why the recent frames together refute the estimate, or OK."""
         if self._transfer.frames >= INDEPENDENT and self._transfer.mean > CERTAIN_TOGETHER:
             return Status.OTHER_TRANSFER
-        # A frame that passes for daylight among others by lamps is none.
+        # A frame that looks like daylight among frames under lamps is refused.
         lamps = float(expit(self._lit.mean))
         light = light_status(1.0 - lamps if self._by_lamps else lamps)
         if not self._lit.frames:
@@ -229,7 +229,7 @@ class WaterFilter:
             self._assessor.clear_water_attenuation)
 
     def _in_this_light(self, water: WaterEstimate) -> WaterEstimate:
-        """A frame by what lights the recording, which begins anew where that changes."""
+        """Refuse a frame in another light than the recording's; restart where that changes."""
         by_lamps = self._lit.mean > 0.0
         if by_lamps != self._by_lamps:
             self._by_lamps, lit = by_lamps, self._lit
@@ -260,7 +260,7 @@ class Vote:
         self.frames = 0
 
     def add(self, log_odds: float) -> None:
-        """Take in a frame's log odds, NaN if none; limited to `CERTAIN`."""
+        """Add a frame's log odds, limited to `CERTAIN`; NaN is ignored."""
         if math.isnan(log_odds):
             return
         self.frames = min(self.frames + 1, LATEST)

@@ -4,26 +4,22 @@
 
 The state is attenuation and the logarithm of ambient light in each channel. In
 the time between frames turbidity wanders, mostly alike in all channels, and the
-colour of light wanders. The camera's exposure may be any other one in each frame:
-a log gain common to the channels. It needs no state of its own: being forgotten
-from frame to frame, it is process noise along the one direction in which the
-three ambient lights change together, so that a jump leaves attenuation and
-chromaticity alone.
+colour of light wanders. The camera's exposure may change freely between frames: a log gain common
+to the channels. It needs no state of its own: it is process noise along the direction in which the
+three ambient lights change together, so that a jump changes neither attenuation nor chromaticity.
 
 How fast the water changes is not known beforehand: the process noise adapts to the
 innovations (R. Mehra, "Approaches to adaptive filtering", IEEE Trans. Automatic
-Control 17, 1972, doi:10.1109/TAC.1972.1100100). Where innovations keep to one side,
-or where one of them surprises, the covariance grows along the innovation until that
-is no larger than expected, and part of the growth stays for the frames to come. So does
-the rate at which frames change, where it is more than their errors: channels err much
-alike, and the small difference between them is what a ramp soon leaves. A frame beyond
-the gate is rejected, since most are full of marine snow; that it may be the first of a
-change is in the standard deviations until the next frames tell: two that agree are followed.
+Control 17, 1972, doi:10.1109/TAC.1972.1100100). Where innovations are biased, or one is
+unexpectedly large, the covariance grows along the innovation until its size is as expected. Part of
+the growth is kept for later frames, and so is the rate at which frames change, where it exceeds
+their errors. A frame beyond the gate is rejected, since most such frames are full of marine snow.
+It may be the first frame of a change, too: the standard deviations include this chance, and two
+such frames that agree are followed.
 
-A part of a frame's error stays the same over frames, since they show the same
-scene; averaging does not lessen it. It is carried along as a consider parameter
-(Schmidt 1966): it has no influence on the filter's gain, and a full one on the
-standard deviations.
+A part of a frame's error is common to all frames, since they show the same scene; averaging does
+not reduce it. It is a consider parameter (Schmidt 1966): it does not change the filter's gain, but
+is fully included in the standard deviations.
 """
 
 from __future__ import annotations
@@ -40,13 +36,13 @@ from uw_visibility.config.schema import TrackingConfig
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.water.estimate import WaterEstimate
 
-# Errors that channels share are those of model, ranges and scene, which frames share too: in
-# rendered frames 0.98 of their variance, and half of the rest. The new part of a frame's shared
-# error has at most so many times the variance of the differences between channels.
+# Errors that channels share come from model, ranges and scene, so that frames share them, too: in
+# rendered frames 0.98 of their variance, and half of the rest. Largest variance of the part that is
+# new in a frame, over that of the differences between channels.
 _LARGEST_NEW = 30.0
 ATTENUATION = slice(0, 6, 2)
 LIGHT = slice(1, 6, 2)
-# Least attenuation that is told, 1/m.
+# Least attenuation that is published, 1/m.
 _LEAST_TOLD = 1e-4
 
 
@@ -76,7 +72,7 @@ class Measurement:
         return np.asarray(self.noise + self.common @ self.common.T)
 
     def agrees(self, other: Measurement, config: TrackingConfig) -> bool:
-        """Whether another measurement shows the same water, at perhaps another exposure."""
+        """Whether another measurement is of the same water, at any exposure."""
         spread = self.covariance + other.covariance
         spread[LIGHT, LIGHT] += config.exposure_change**2
         return _passes(
@@ -84,7 +80,7 @@ class Measurement:
 
     @classmethod
     def of(cls, estimate: WaterEstimate, common_error: float) -> Measurement:
-        """Take an estimate; `common_error` is the part of its variance that frames share."""
+        """Convert an estimate; `common_error` is the part of its variance that frames share."""
         joint = estimate.covariance
         seen = np.isfinite(estimate.attenuation) & np.isfinite(estimate.ambient_light)
         seen &= np.isfinite(np.diag(joint)).reshape(3, 2).all(axis=1)
@@ -101,7 +97,7 @@ class Measurement:
 
 
 def _passes(innovation: Array, covariance: Array, channels: Mask, probability: float) -> bool:
-    """Chi-squared gate over some channels; without any, all passes."""
+    """Chi-squared gate over some channels; True without any."""
     index = np.flatnonzero(np.repeat(channels, 2))
     if index.size == 0:
         return True
@@ -147,24 +143,24 @@ _LEAST_ATTENUATION = 0.1
 # innovation's variance.
 _TREND_SHARE = 0.3
 _TREND_VARIANCE = _TREND_SHARE / (2.0 - _TREND_SHARE)
-# Standard deviations of chi squared of this mean beyond which the state lags behind the water. Low,
-# since the covariance grows from nothing there.
+# The state lags behind the water if chi squared of this mean is so many standard deviations too
+# large. Low, since the covariance then grows from zero.
 _TREND_LIMIT = 1.0
-# An interval so many times longer than the last one is a gap.
+# An interval is a gap if it is so many times longer than the last one.
 _GAP = 1.5
-# Quantile of innovations beyond which one is a surprise.
+# Quantile beyond which an innovation is unexpectedly large.
 _SURPRISE = 0.99
 # Changes from frame to frame are averaged over about 1 / this many; the mean of errors alone has
 # this part of a frame's variance, since successive changes are anticorrelated.
 _RATE_SHARE = 0.5
 _RATE_VARIANCE = 2.0 * _RATE_SHARE**2 / (2.0 - _RATE_SHARE)
-# Standard deviations of chi squared of this mean beyond which the water changes. Not low: outliers
-# pass the gate as far as changes are expected.
+# The water changes if chi squared of this mean is so many standard deviations too large. Not low:
+# where changes are expected, outliers pass the gate.
 _RATE_LIMIT = 3.0
-# An error is far larger than another by this factor. Not less: errors grow with the value measured,
-# and preferring the lower ones is biased.
+# Ratio from which one error is far larger than another. Not less: errors grow with the measured
+# value, so that preferring small errors is biased.
 _FAR_LARGER = 1.5
-# Part of the process noise by a change that stays from frame to frame.
+# Part of a change's process noise that is kept from frame to frame.
 _DRIFT_KEPT = 0.5
 
 
@@ -180,13 +176,13 @@ class WaterState:
         self._age = np.zeros(3)
         # Time since the last measurement, and since the last one taken in, s.
         self._interval = self._unseen = 0.0
-        # The last time between measurements, s, whether this one is a gap or frames showed
-        # nothing in it, and the variance that is in the covariance for that.
+        # Last interval between measurements, s; whether the current one is a gap or has frames
+        # without measurement; the variance added to the covariance for that.
         self._last_interval = 0.0
         self._gap = False
         self._unawares = 0.0
-        # Mean innovation and mean rate of change of late (per s), the measurement that was taken
-        # in last, and the covariance of the rate of change, per s².
+        # Recent mean innovation and mean rate of change (per s), last accepted measurement, and
+        # covariance of the rate of change, per s².
         self._trend = np.zeros(6)
         self._rate = np.zeros(6)
         self._last = measurement
@@ -203,11 +199,11 @@ class WaterState:
         self._age += elapsed
         self._interval += elapsed
         self._unseen += elapsed
-        # Who changes goes on to: not a random walk's square root of time.
+        # Water that changes goes on changing: linear in time, unlike a random walk.
         self.covariance += self._drifted() - drifted
         self._gap |= not shown or self._interval > _GAP * self._last_interval
-        # Water that did not change before may do so while frames fail to show it, and be why they
-        # fail: at an unknown rate. Variance of attenuation, (1/m)².
+        # Water may begin to change while frames do not show it, perhaps for that reason, and at an
+        # unknown rate. Variance of attenuation, (1/m)².
         unawares = 0.0 if not self._gap else (
             math.expm1(config.unseen_rate * self._interval) * self._scale()) ** 2
         self.covariance[ATTENUATION, ATTENUATION] += unawares - self._unawares
@@ -215,7 +211,7 @@ class WaterState:
         self.known &= self._age <= config.timeout
 
     def _drifted(self) -> Array:
-        """Covariance of changes since the last measurement taken in."""
+        """Covariance of changes since the last accepted measurement."""
         return self._unseen**2 * self._drift
 
     def _scale(self) -> float:
@@ -248,7 +244,7 @@ class WaterState:
         return np.asarray(share * np.outer(innovation, innovation))
 
     def _end_interval(self) -> None:
-        """Begin the time to the next measurement."""
+        """Start the interval to the next measurement."""
         self._last_interval, self._interval = self._interval, 0.0
         self._gap, self._unawares = False, 0.0
 
@@ -257,7 +253,7 @@ class WaterState:
 
         The covariance grows where this innovation is a surprise, or where the mean of recent ones,
         which is about zero while the state keeps up with the water, is beyond noise: then the state
-        lags behind. The rate at which measurements change stays for the frames to come.
+        lags behind. The rate of change is kept for later frames.
         """
         both = self.known & measurement.seen
         if not both.any():
@@ -287,7 +283,7 @@ class WaterState:
         """Update the mean rate of change; return the part of its square beyond noise."""
         both = self.known & measurement.seen & self._last.seen
         change = (measurement.value - self._last.value) / self._unseen
-        # All of the errors, since how much of them frames share is known badly.
+        # The whole errors: the part that frames share is poorly known.
         spread = 0.5 * (measurement.covariance + self._last.covariance)
         spread[LIGHT, LIGHT] += exposure_change**2
         spread *= _RATE_VARIANCE / self._unseen**2
@@ -315,8 +311,8 @@ class WaterState:
     def _own(self, measurement: Measurement) -> tuple[Array, Array]:
         """Covariances of the state's and the measurement's own errors, (6, 6) each.
 
-        Where the shared error of one is far larger than that of the other, the excess is its own: a
-        sure frame counts more than unsure ones.
+        Where one shared error is far larger than the other, the excess counts as its own error, so
+        that precise frames have more weight.
         """
         state, noise = self.covariance.copy(), measurement.noise.copy()
         ours, theirs = (common @ common.T for common in (self.common, measurement.common))
@@ -328,8 +324,8 @@ class WaterState:
     def _gain(self, measurement: Measurement) -> Array:
         """Gain that corrects attenuation and light by their own innovation only.
 
-        The optimal gain would also use the correlation of their errors in a frame. That is badly
-        known, and would make errors of attenuation errors of depth.
+        The optimal gain would also use the correlation of their errors in a frame. It is poorly
+        known, and would turn errors of attenuation into errors of depth.
         """
         gain = np.zeros((6, 6))
         state, noise = self._own(measurement)
@@ -339,7 +335,7 @@ class WaterState:
         return gain
 
     def _begin(self, new: Mask, measurement: Measurement) -> None:
-        """Start channels that nothing is known of: any value is possible."""
+        """Initialise unknown channels, with a very large covariance."""
         for channel in np.flatnonzero(new):
             block = slice(2 * channel, 2 * channel + 2)
             self.mean[block] = measurement.value[block]
@@ -352,7 +348,7 @@ class WaterState:
             self.known[channel] = True
 
     def published(self, doubt: Array) -> tuple[Array, Array]:
-        """β and I∞, interleaved, and their covariance with a doubt added."""
+        """β and I∞, interleaved, and their covariance plus `doubt`."""
         mean = self.mean.copy()
         mean[ATTENUATION] = np.maximum(mean[ATTENUATION], _LEAST_TOLD)
         mean[LIGHT] = np.exp(mean[LIGHT])

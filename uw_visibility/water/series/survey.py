@@ -4,8 +4,7 @@
 
 Above a flat sea floor a frame's ranges are too alike to show how light decays with
 range, but a vehicle climbs, sinks and pitches: over a minute the ranges differ enough.
-The frames' pixels, reduced to blocks, are taken together and estimated from like those of one
-frame.
+The blocks of pixels of all frames are estimated like those of one frame.
 
 Frames that follow one another show the same ground, so their errors are alike. The
 covariance comes from leaving out blocks of frames in turn (delete-a-group jackknife:
@@ -41,7 +40,7 @@ Item = TypeVar("Item")
 
 
 class FrameWindow(Generic[Item]):
-    """Items of the frames within a window of time, thinned out to a number of them."""
+    """Items of the frames in a time window, thinned to a largest number."""
 
     def __init__(self, config: SurveyConfig) -> None:
         self._config = config
@@ -87,7 +86,7 @@ class FrameWindow(Generic[Item]):
         del self._frames[1 + int(np.argmin(stamps[2:] - stamps[:-2]))]
 
 
-# A change between older and newer frames beyond so many standard deviations is the water's.
+# Standard deviations beyond which a change between older and newer frames is the water's.
 CHANGE_LIMIT = 5.0
 
 
@@ -109,7 +108,7 @@ class FrameEnvelopes:
 
     @classmethod
     def of(cls, water: WaterEstimate) -> FrameEnvelopes | None:
-        """Take a frame; None without blocks, or where a channel has no light."""
+        """Envelopes of an estimate; None without blocks, or where a channel has no light."""
         if water.envelope is None or water.blocks is None:
             return None
         bright = water.envelope.bright
@@ -156,22 +155,21 @@ def attenuation_change(frames: Sequence[FrameEnvelopes]) -> float:
 
 # Estimates are made at most once in so many seconds.
 INTERVAL = 1.0
-# Blocks of frames that are left out in turn, and those of them without which there may be
-# no estimate.
+# Blocks of frames that are left out in turn; how many of these may leave no estimate.
 BLOCKS = 8
 MOST_DECISIVE = 2
 
 
 @dataclass(frozen=True)
 class SurveyEstimate:
-    """What frames show of the water together.
+    """Estimate of the water from several frames.
 
     Attributes
     ----------
     water : WaterEstimate
-        Ambient light as the newest frame has it; its status says what is missing.
+        With the ambient light of the newest frame; its status says what is missing.
     frames : int
-        Frames that it rests on.
+        Number of frames used.
     duration : float
         Time from the first to the last of them, s.
     range_min, range_max : float
@@ -188,7 +186,7 @@ class SurveyEstimate:
     def of(
         cls, water: WaterEstimate, window: FrameWindow[Any], ranges: list[Array]
     ) -> SurveyEstimate:
-        """Take an estimate from the frames of a window, and the ranges of each."""
+        """Add the number of frames, duration and ranges of a window to an estimate."""
         joined = np.concatenate(ranges or [np.full(1, np.nan)])
         return cls(
             water, len(window), window.duration, float(joined.min()), float(joined.max()))
@@ -200,7 +198,7 @@ class SurveyEstimate:
 
 
 class Survey:
-    """Takes the blocks of frames together over a window of time."""
+    """Estimator of the water from the blocks of all frames in a time window."""
 
     def __init__(self, config: SurveyConfig, estimator: WaterEstimator) -> None:
         self._config = config
@@ -214,7 +212,7 @@ class Survey:
         self._last: tuple[float, SurveyEstimate, Array] | None = None
 
     def add(self, water: WaterEstimate, stamp_seconds: float) -> None:
-        """Add what a frame shows, if anything; a stamp (s) not after the last one begins anew."""
+        """Add a frame's blocks, if any; a stamp (s) not after the last one restarts the survey."""
         if not self._frames.continued_by(stamp_seconds):
             self.reset()
         self._frames.add(FrameEnvelopes.of(water), stamp_seconds)
@@ -280,8 +278,8 @@ def wider(water: WaterEstimate, covariance: Array | float) -> WaterEstimate:
 def _with_spread(whole: WaterEstimate, parts: Sequence[WaterEstimate]) -> WaterEstimate:
     """Add the jackknife's covariance."""
     each = np.array([_values(part) for part in parts])
-    # What a few blocks alone make assessable is not known. Those whose absence makes it
-    # not assessable count as much as the others.
+    # A channel that only a few blocks make assessable is unknown. Blocks whose absence makes it not
+    # assessable count as much as the others.
     known = np.isfinite(each)
     number = known.sum(axis=0)
     seen = np.isfinite(_values(whole)) & (number >= BLOCKS - MOST_DECISIVE)

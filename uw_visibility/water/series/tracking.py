@@ -39,14 +39,13 @@ class WaterTracker:
     Attributes
     ----------
     event : TrackingEvent or None
-        What the last frame did; None before the first.
+        Effect of the last frame; None before the first.
     estimate : WaterEstimate or None
         The filtered state after the last frame; None before the first.
     assessed, rejected : int
-        Frames that had an estimate, and those of them that the gate kept out; a
-        reset does not change them.
+        Frames with an estimate, and those of them that the gate rejected; a reset keeps both.
     rejected_in_a_row : int
-        Frames beyond the gate since the last one that was taken in.
+        Frames beyond the gate since the last accepted one.
     """
 
     def __init__(self, config: TrackingConfig | None = None) -> None:
@@ -55,14 +54,14 @@ class WaterTracker:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the water; the counts of frames stay."""
+        """Reset the state; the counts of frames are kept."""
         self.event: TrackingEvent | None = None
         self.estimate: WaterEstimate | None = None
         self.rejected_in_a_row = 0
         self._state: WaterState | None = None
         # The last measurement, if it was rejected.
         self._outlier: Measurement | None = None
-        # Variance by the chance that rejected frames are right.
+        # Covariance by the chance that rejected frames are right.
         self._doubt = np.zeros((6, 6))
         # Light on the scene and its deviation, over the veil, in the frames taken in.
         self._light = np.full((2, 3), np.nan)
@@ -78,7 +77,7 @@ class WaterTracker:
             Of this frame alone. A channel that is not assessable is predicted.
         stamp_seconds : float
             Time of the frame, s. A stamp that is not later than the last one, or
-            later by more than the timeout, begins anew.
+            later by more than the timeout, restarts the filter.
 
         Returns
         -------
@@ -157,7 +156,7 @@ class WaterTracker:
 
 
 def _renewed(before: Array | None, new: Array) -> Array:
-    """Covariance of the channels that a frame shows; the others keep theirs, as independent."""
+    """Covariance updated in the channels that a frame shows; the others keep theirs."""
     if before is None:
         return new
     shown = np.isfinite(np.diag(new))
