@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from uw_visibility.config.lighting import Lamp, beam_falloff
 from uw_visibility.optics.light_model import transmission
@@ -90,15 +91,13 @@ class LampTables(NamedTuple):
         log_direct, _ = self.at(attenuation)
         return DirectLight(RANGES, np.exp(log_direct.mean(axis=(1, 2), dtype=np.float64)))
 
-    def place(self, column: Array, row: Array, distance: Array) -> tuple[Array, Array, Array]:
-        """Coordinates of points (px, px, m) in units of the nodes: row, column, range; clipped."""
-        y = (row - self.rows[0]) / (self.rows[1] - self.rows[0])
-        x = (column - self.columns[0]) / (self.columns[1] - self.columns[0])
-        step = math.log(RANGES[1] / RANGES[0])
-        z = np.log(np.maximum(distance, RANGES[0]) / RANGES[0]) / step
-        return (
-            np.clip(y, 0, ROWS - 1.001), np.clip(x, 0, COLUMNS - 1.001),
-            np.clip(z, 0, len(RANGES) - 1.001))
+    def scattered_at(self, column: Array, row: Array, distance: Array) -> Array:
+        """Interpolate ln S at points (px, px, m), (K, 3, N) float64; the nearest node beyond."""
+        depth = np.log(distance / RANGES[0]) / math.log(RANGES[1] / RANGES[0])
+        at = row / self.rows[1], column / self.columns[1], depth
+        return np.array([
+            [map_coordinates(each, at, np.float64, order=1, mode="nearest") for each in channels]
+            for channels in self.log_scattered])
 
     def field(
         self, attenuation: Array, power: Array, scattering: Array, daylight: Array, veil: Array,
@@ -286,16 +285,3 @@ def _nodes() -> tuple[Array, Array]:
     ends += [np.linspace(low, high, SUBSTEPS + 1)[1:] for low, high in itertools.pairwise(RANGES)]
     edges = np.concatenate(ends)
     return 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
-
-
-def trilinear(table: Any, y: Array, x: Array, z: Array) -> Array:
-    """Interpolate (K, 3, Y, X, R) at points, (K, 3, N)."""
-    j, i, k = y.astype(int), x.astype(int), z.astype(int)
-    fy, fx, fz = y - j, x - i, z - k
-    out = np.zeros((*table.shape[:2], len(y)))
-    for a in (0, 1):
-        for b in (0, 1):
-            for c in (0, 1):
-                share = (fy if a else 1 - fy) * (fx if b else 1 - fx) * (fz if c else 1 - fz)
-                out += share * table[:, :, j + a, i + b, k + c]
-    return out

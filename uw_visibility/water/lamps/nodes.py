@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Array, Mask
-from uw_visibility.optics.lamps import ATTENUATIONS, RANGES, LampTables, trilinear
+from uw_visibility.optics.lamps import ATTENUATIONS, RANGES, LampTables
 from uw_visibility.water.blocks import Blocks
 
 Indices = NDArray[np.int64]
@@ -119,12 +119,11 @@ def reduce_to_nodes(blocks: Blocks, rays: Array, tables: LampTables) -> Nodes:
     order = np.sort(hidden, axis=1)
     bright = order[:, max(round(BRIGHT_BLOCKS * side**2) - 1, 0)]
     row, column = np.asarray((place + 0.5) * side * blocks.side - 0.5, np.float64).T
-    places = tables.place(column, row, distance[shown])
     far = tables.log_scattered[:, :, len(tables.rows) // 2, len(tables.columns) // 2, -1]
     return Nodes(
         place, irradiance, np.maximum(bright, irradiance), variance, distance[shown],
         direction / np.linalg.norm(direction, axis=1, keepdims=True), normal[shown],
-        trilinear(tables.log_scattered, *places), np.asarray(far, np.float64))
+        tables.scattered_at(column, row, distance[shown]), np.asarray(far, np.float64))
 
 
 def _tiles(values: NDArray[np.floating], side: int) -> Array:
