@@ -46,9 +46,9 @@ USUAL_ATTENUATION, ATTENUATION = math.log(0.3), 1.0
 OWN_PART, CLEAR_PART = 0.2, 0.5
 # Steps of the integral along the line of sight.
 STEPS = 10
-# Scatter of ln E at the start, the least that is taken for it, and the largest of an estimate:
-# beyond it, power or exposure has changed, or lamps are elsewhere.
-SCATTER, LEAST_SCATTER, MOST_SCATTER = 0.06, 0.01, 0.2
+# Least scatter of ln E in the fit, and largest one of an estimate: beyond it, power or exposure has
+# changed, or lamps are elsewhere.
+LEAST_SCATTER, MOST_SCATTER = 0.01, 0.2
 # Number of sightings and channels that share an error, as a root.
 TOGETHER = 6.0
 # Groups of frames by tiles of the image, whose errors are taken as independent.
@@ -81,7 +81,6 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
     ground = _ways_by_patches(cells, lamps)
     water = Ways.by_water(cells.direction, cells.range, lamps, STEPS)
     p = START
-    scatter = SCATTER
     for _ in range(ITERATIONS):
         residual, jacobian, clear = _residuals(cells, ground, water, p)
         if clear.sum() < 3 * FEWEST_SIGHTINGS:
