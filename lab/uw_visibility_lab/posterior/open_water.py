@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from uw_visibility.images.arrays import Array
-from uw_visibility.water.daylight.statistics import FEWEST_OF_WATER, open_water_of
+from uw_visibility.water.daylight.statistics import FEWEST_OF_WATER, appearance_of, open_water
 from uw_visibility_lab.posterior.examples import blocks_of
 from uw_visibility_lab.worlds.draw import draw
 from uw_visibility_lab.worlds.scenes import load_scene
@@ -33,7 +33,9 @@ def examples(pool: Path, views: int, seed: int) -> tuple[Array, Array]:
     for index in range(views):
         rng = np.random.default_rng((seed, index))
         view = draw(rng, load_scene(places[int(rng.integers(len(places)))]))
-        water, ragged, width = open_water_of(blocks_of(view))
+        blocks = blocks_of(view)
+        shown = appearance_of(blocks.light)
+        water, ragged, width = open_water(blocks.range, shown.counted, shown.smooth)
         if water.sum() < FEWEST_OF_WATER:
             continue
         size = view.image.shape[0] // water.shape[0]

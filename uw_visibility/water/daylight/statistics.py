@@ -188,7 +188,7 @@ def summarise(
         of_bins[c, :, COARSE] = level[c] if not many.any() else np.interp(
             np.arange(BINS), np.flatnonzero(many), level[c, many])
     of_tiles = np.stack((*means[:3], of_tile / (of_tile + HALF_WEIGHT), means[3]))
-    water, ragged, width = _open_water(blocks.range, counted, smooth)
+    water, ragged, width = open_water(blocks.range, counted, smooth)
     of_channels = np.zeros((3, OF_CHANNEL), np.float32)
     seen_water = int(water.sum())
     upper_row, lower_row = 0.0, 0.0
@@ -224,13 +224,7 @@ def summarise(
         median)
 
 
-def open_water_of(blocks: Blocks) -> tuple[Mask, float, float]:
-    """Blocks that may be open water, with what tells whether they are: see `_open_water`."""
-    appearance = appearance_of(blocks.light)
-    return _open_water(blocks.range, appearance.counted, appearance.smooth)
-
-
-def _open_water(
+def open_water(
     ranges: NDArray[np.float32], counted: Mask, smooth: Mask
 ) -> tuple[Mask, float, float]:
     """Blocks that may be open water, ln of how ragged their lower edge is, and their width.
