@@ -1,10 +1,10 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration of lamps' places, axes and beams from ground that several frames show.
+"""Calibration of lamps' places, axes and beams from ground seen in several frames.
 
-As in `uw_visibility.water.lamps.track_fit`, the ratios of a tracked point's light show the lamps
-while range and place in the beams change. Robust nonlinear least squares of ln (E − s S), with a
-free mean of each track; weak priors around the guess hold what the frames do not show.
+As in `uw_visibility.water.lamps.track_fit`, ratios of a tracked point's light over frames depend on
+the lamps. Robust nonlinear least squares of ln (E − s S), with a free mean of each track; weak
+priors around the guess determine what the frames do not.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from uw_visibility.water.lamps.tracks import Sightings
 
 # Sightings that are fitted at most, and at least.
 MOST_CELLS, FEWEST_CELLS = 8000, 300
-# Farthest over nearest range at least, of quantiles of the sightings.
+# Least ratio of farthest to nearest range, by quantiles of the sightings.
 LEAST_RATIO, RANGE_QUANTILES = 1.4, (0.05, 0.95)
-# A larger deviation of a place, m, is no calibration.
+# Largest standard deviation of a place, m.
 MOST_STDDEV = 0.2
 # Deviations of the priors: of places (m), axes (rad), logarithms of the beam's angle and of one
 # lamp's power over another's.
@@ -39,16 +39,16 @@ PLACE, AXIS, BEAM, RATIO = 0.5, math.radians(10.0), 0.2, 0.1
 MOST_STEPS = 100
 # Scatter of ln E at the start.
 SCATTER = 0.1
-# Part of the sightings that may be limited so.
+# Largest part of the sightings whose own light is limited from below.
 MOST_LIMITED = 0.02
-# Errors of the model that scatter does not show, forms of beam and ground, scales of range: of
-# places (m), axes (degrees), the beam as a part of its angle, and of β (1/m).
+# Errors of the model that are not in the scatter, such as shapes of beam and ground and scale of
+# range: of places (m), axes (degrees), the beam's angle (relative), and β (1/m).
 PLACE_ERROR, AXIS_ERROR, BEAM_ERROR, BETA_ERROR = 0.03, 3.0, 0.12, 0.03
 
 
 @dataclass(frozen=True)
 class LampCalibration:
-    """Lamps found, with standard deviations.
+    """Calibrated lamps, with standard deviations.
 
     Attributes
     ----------
@@ -66,7 +66,8 @@ class LampCalibration:
     range : (N,) float64 ndarray
         Of the sightings, m.
     before, after : (N, 3) float64 ndarray
-        Logarithm of light over the model's, minus the mean of each point, as guessed and as found.
+        ln of light over the model's, minus the mean of each point, with guessed and calibrated
+        lamps.
     """
 
     lamps: tuple[Lamp, ...]
@@ -178,7 +179,7 @@ def calibrate_lamps(
     tried = []
     for guess in guesses:
         model = _Model(guess, cells)
-        # From what is expected towards what is seen, past places that fit by chance.
+        # A prior of more weight first avoids places that fit by chance.
         tried.append((*_fit(model, model.mean, SCATTER, 10, 3 * track_fit.TOGETHER), model))
     _, start, model = min(tried, key=lambda each: each[0])
     scatter = median_deviation(model.residuals(start))
@@ -189,7 +190,7 @@ def calibrate_lamps(
 
 
 def _half_fit(model: _Model, start: Array, scatter: float, part: int) -> Array:
-    """Parameters that every second track alone gives."""
+    """Parameters fitted to every second track."""
     half = model.cells.where(model.cells.track % 2 == part)
     half = replace(half, track=half.track // 2)
     return _fit(_Model(model.lamps, half), start, scatter, MOST_STEPS)[1]
@@ -201,7 +202,7 @@ def _fit(
     """Cost and parameters of the robust fit."""
 
     def residuals(p: Array) -> Array:
-        # The loss is robust for what is seen, not for what is expected.
+        # The loss is robust for the sightings, quadratic for the prior.
         seen = model.residuals(p).ravel() / scatter
         root = np.sign(seen) * np.sqrt(2.0 * (np.sqrt(1.0 + seen**2) - 1.0))
         return np.concatenate([root / together, (p - model.mean) / model.stddev])
@@ -228,7 +229,7 @@ def _assembled(
     jacobian = np.stack([
         (model.residuals(p + step) - model.residuals(p - step)) / (2e-4 * scatter)
         for step in 1e-4 * np.eye(len(p))], axis=2)
-    # Of the loss: its score, and the curvature that its weights leave.
+    # Score and curvature of the weighted loss.
     bread, covariance = track_fit.sandwich(
         jacobian, charbonnier_weight(residual) / track_fit.TOGETHER**2, residual, group,
         1.0 / model.stddev**2)

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Light of lamps along the ways that it takes through water to the camera."""
+"""Light of lamps along its paths through water to the camera."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from uw_visibility.optics.lamps import incidence, phase_function, shine
 
 
 class Ways(NamedTuple):
-    """K ways of light to each of N places and on to the camera.
+    """K paths of light by way of each of N places to the camera.
 
     Attributes
     ----------
     colour : (K, 3) float64 ndarray
         Relative power of the lamp in R, G, B.
     light : (K, N) float64 ndarray
-        g/r², of water with its phase function and the length of its line of sight, m.
+        g/r²; for water times the phase function and the length of the line of sight, m.
     path : (K, N) float64 ndarray
         From the lamp to the camera, m.
     log_cosine : (K, N) float64 ndarray
@@ -38,7 +38,7 @@ class Ways(NamedTuple):
     def by_ground(
         cls, directions: Array, distance: Array, normals: Array, lamps: Sequence[Lamp]
     ) -> Ways:
-        """Ways by ground at unit directions (N, 3), ranges (N,), m, with unit normals (N, 3)."""
+        """Paths by ground at unit directions (N, 3), ranges (N,), m, with unit normals (N, 3)."""
         points = directions * distance[:, np.newaxis]
         light, path, log_cosine = [], [], []
         for lamp in lamps:
@@ -54,7 +54,7 @@ class Ways(NamedTuple):
     def by_water(
         cls, directions: Array, distance: Array, lamps: Sequence[Lamp], steps: int
     ) -> Ways:
-        """Ways by the water before ground; the integral takes some steps (Gauss and Legendre)."""
+        """Paths by the water before the ground, by Gauss-Legendre quadrature of some steps."""
         nodes, weights = np.polynomial.legendre.leggauss(steps)
         along = 0.5 * (nodes + 1) * distance[:, np.newaxis]
         points = directions[:, np.newaxis] * along[..., np.newaxis]
@@ -68,7 +68,7 @@ class Ways(NamedTuple):
             np.concatenate(path), np.zeros((len(lamps) * steps, len(distance))))
 
     def sum(self, attenuation: Array, exponent: float = 0.0) -> tuple[Array, Array, Array]:
-        """Light by all ways, its mean path and its mean logarithm of the cosine, (N, 3) each.
+        """Light by all paths, its mean path length and mean logarithm of the cosine, (N, 3) each.
 
         `attenuation` is β, (3,), 1/m; `exponent` that of the cosine.
         """

@@ -19,19 +19,20 @@ from uw_visibility.water.blocks import Blocks
 Indices = NDArray[np.int64]
 Row = tuple[Indices, Array, int]
 
-# Nodes of a frame, and of all frames that are taken together. Of 200, 350 and 700 to a frame
-# 350 were best in two renderers: smaller patches differ by objects, not by the water.
+# Nodes of a frame, and of all frames of a survey. Of 200, 350 and 700 per frame, 350 were best in
+# two renderers: smaller patches differ by objects, not by the water.
 NODES, MOST_NODES = 350, 1400
-# Blocks of a node are as far as their median, and nodes of a plane alike, but for these parts.
+# Largest relative differences of range: of a node's blocks from their median, and of nodes that are
+# fitted by one plane.
 ONE_SURFACE, ONE_PLANE = 0.08, 0.15
-# Part of a node's blocks that have to show its surface.
+# Least part of a node's blocks that show its surface.
 ENOUGH = 0.5
-# Light of fewer code steps, or deviations of noise, is lifted by noise that is cut off at black;
-# brighter light is cut off at white. Deviation of ln irradiance that is taken for such nodes.
+# Light of fewer code steps, or noise deviations, is biased by clipping at black, and brighter light
+# by clipping at white. Deviation of ln irradiance for such nodes.
 FAINT, BRIGHT, USELESS = 2.5, 0.9, 2.0
-# Part of a node's blocks that are darker than what counts as bright.
+# Quantile of a node's blocks that counts as bright.
 BRIGHT_BLOCKS = 0.95
-# Of a noise that was measured as less than this part of a step of the codes.
+# Least noise, in steps of the codes.
 LEAST_NOISE = 0.25
 
 
@@ -46,9 +47,9 @@ class Nodes:
     light : (N, 3) float64 ndarray
         Mean linear irradiance, RGB.
     bright : (N, 3) float64 ndarray
-        That of the brightest blocks of pixels in it, see `BRIGHT_BLOCKS`.
+        Irradiance of its brightest blocks of pixels, see `BRIGHT_BLOCKS`.
     variance : (N, 3) float64 ndarray
-        Variance of ln irradiance by noise, and where codes end.
+        Variance of ln irradiance by noise and clipping.
     range : (N,) float64 ndarray
         m.
     direction, normal : (N, 3) float64 ndarray
@@ -70,7 +71,7 @@ class Nodes:
     log_far: Array
 
     def __post_init__(self) -> None:
-        """Refuse arrays that do not fit one another."""
+        """Refuse arrays of inconsistent shape."""
         number = len(self.range)
         of_nodes = (self.light, self.bright, self.variance, self.direction, self.normal)
         fits = self.place.shape == (number, 2)
@@ -114,7 +115,7 @@ def reduce_to_nodes(blocks: Blocks, rays: Array, tables: LampTables) -> Nodes:
     cut = (irradiance < FAINT * np.maximum(noise, blocks.step)) | (irradiance > BRIGHT)
     variance = (noise / irradiance) ** 2 / pixels + USELESS**2 * cut
     direction = _mean(away, surface)[shown]
-    # Nodes that show no surface are not taken.
+    # Blocks of other surfaces do not count.
     hidden = np.where(surface[..., np.newaxis], light, -np.inf)[shown]
     order = np.sort(hidden, axis=1)
     bright = order[:, max(round(BRIGHT_BLOCKS * side**2) - 1, 0)]
@@ -168,7 +169,7 @@ def _normals(ranges: Array, rays: Array, surface: Mask, distance: Array, shown: 
 class Details(NamedTuple):
     """Differences between the means of neighbouring patches, on every scale (Haar 1910).
 
-    Of white noise they are independent and have its variance. Row i is the sum of
+    For white noise they are independent, with the noise's variance. Row i is the sum of
     ``weight[k] * value[node[k]]`` over k from ``first[i]`` to ``first[i + 1]``.
     """
 
@@ -226,7 +227,7 @@ def _add_squares(
     for members in np.split(order, np.flatnonzero(np.diff(key[order])) + 1):
         row, column = inside[members].T
         mine = numbers[members]
-        # Of so many quarters that are there one difference less is independent.
+        # n quarters have n − 1 independent differences.
         missing = len(set((2 * row + column).tolist())) - 1
         for side in (column, row, (row + column) % 2):
             if missing:

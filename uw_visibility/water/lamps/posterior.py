@@ -7,15 +7,15 @@ The light of a node is (see `uw_visibility.optics.lamps`)
     E = P ρ D + s S,   D = Σ cosᵏ(i) g(θ) e^(−β(r + d)) / r²
 
 with the reflectance ρ of its patch, the incidence i of a lamp's light and an exponent k from 0 for
-rough ground to 1 for Lambert's (Minnaert 1941, doi:10.1086/144279). ln ρ is taken for a random
-field: its differences on each scale (`Details`) have a variance of their own, which the frame
-tells, so that even ground gives a narrow posterior and a patchy one a wide one. Where the water's
-own light covers a patch, what patches differ by is covered alike.
+rough ground to 1 for Lambert's (Minnaert 1941, doi:10.1086/144279). ln ρ is modelled as a random
+field: its differences on each scale (`Details`) have a variance that is fitted to the frame, so
+that even ground gives a narrow posterior and patchy ground a wide one. Where scattered light hides
+a patch, it hides the differences between patches, too.
 
-For each of a grid of attenuations by particles the rest is fitted: what channels differ by, k, the
-scattered light and its course, lamps that are not as they are told, and a trend of ln ρ along the
-light's path, as large as the frame's texture lets expect. The posterior is summed over the grid,
-with the rest marginalised by Laplace's approximation (Tierney and Kadane 1986,
+For each of a grid of attenuations by particles the other unknowns are fitted: differences between
+channels, k, scattered light and its spatial variation, errors of the lamps' parameters, and a trend
+of ln ρ along the light's path, with a prior by the frame's texture. The posterior is summed over
+the grid, with the rest marginalised by Laplace's approximation (Tierney and Kadane 1986,
 doi:10.1080/01621459.1986.10478240).
 """
 
@@ -35,38 +35,38 @@ from uw_visibility.optics.lamps import ATTENUATIONS, between, displaced, vector
 from uw_visibility.water.lamps.light import Ways
 from uw_visibility.water.lamps.nodes import Nodes, details_of
 
-# Attenuation by particles, 1/m: the grid, and median and deviation of its logarithm beforehand
-# (belief `lamps.particles` of the laboratory, wider). Points that are added on both sides of the
-# best, and those that are interpolated.
+# Attenuation by particles, 1/m: the grid, and prior mean and deviation of its logarithm (belief
+# `lamps.particles` of the laboratory, wider). Refinements on both sides of the best point, and
+# points of the interpolated posterior.
 PARTICLES = np.geomspace(0.012, 1.5, 11)
 USUAL_PARTICLES, PARTICLES_DEVIATION, REFINEMENTS, FINE = math.log(0.12), 1.0, 2, 400
-# Deviation of a channel's attenuation by particles from the mean over the channels, as a part of
-# it, and of clear water's from what is told.
+# Relative deviations of a channel's attenuation by particles from the channels' mean, and of clear
+# water's from its table.
 CHANNEL_DEVIATION, CLEAR_WATER_DEVIATION = 0.3, 0.1
-# Mean and deviation of the exponent k: from 0 to 1 (belief `lamps.exponent` of the laboratory), and
-# what slopes are off by.
+# Prior mean and deviation of the exponent k: from 0 to 1 (belief `lamps.exponent` of the
+# laboratory), with the error of slopes.
 USUAL_EXPONENT, EXPONENT_DEVIATION = 0.5, 0.5
-# Deviation of ln light of a node beside the model, whatever lights it: the tables' interpolation
-# alone is off by 0.025 at some node of half of the rigs.
+# Deviation of ln light of a node by errors of the model: the tables' interpolation alone is off by
+# 0.025 at some node of half of the rigs.
 MODEL_DEVIATION = 0.03
-# Reflectance of the ground and scattering over attenuation by particles, which tell how bright
-# scattered light is; deviation of the logarithm of its amount: ground of 0.1 to 0.6, scattering of
-# 0.4 to 0.95 and backscattering that differs twice between phase functions (beliefs `albedo`,
-# `lamps.albedo`, `lamps.phase` of the laboratory). Channels differ by the second alone.
+# Reflectance of the ground and scattering over attenuation by particles, for the usual amount of
+# scattered light; deviation of its logarithm: ground of 0.1 to 0.6, scattering of 0.4 to 0.95 and
+# backscattering that differs by a factor of 2 between phase functions (beliefs `albedo`,
+# `lamps.albedo`, `lamps.phase` of the laboratory); the part of single channels.
 REFLECTANCE, ALBEDO, SCATTERING_DEVIATION, OF_CHANNELS = 0.3, 0.7, 1.0, 0.3
-# Deviation of ln of scattered light by what it does over ln range, and across and along the image:
-# between the phase functions and beams of the laboratory it differs by 0.04 to 0.2.
+# Deviation of ln of scattered light that is linear in ln range, column and row: between the phase
+# functions and beams of the laboratory 0.04 to 0.2.
 COURSE_DEVIATION = 0.1
-# Deviations of a beam's angle and of a lamp's power, as a part of them (beliefs
-# `lamps.beam_error`, `lamps.power_error` of the laboratory), and so many main directions of what
-# these and places do.
+# Relative deviations of a beam's angle and of a lamp's power (beliefs `lamps.beam_error`,
+# `lamps.power_error` of the laboratory), and number of principal components of the effect of these
+# and of the lamps' places.
 BEAM_DEVIATION, POWER_DEVIATION, DIRECTIONS = 0.2, 0.25, 3
-# Steps of a fit at most, the largest one of a parameter, and the one that ends it.
+# Largest number of steps of a fit, largest step of a parameter, and the step that ends the fit.
 MOST_STEPS, LARGEST_STEP, CONVERGED = 40, 1.0, 0.02
-# Points of the normal distributions that the posterior of the clearest channel is made of.
+# Nodes of the normal distributions that are summed for the clearest channel.
 NORMAL = np.array([-1.6, -0.8, 0.0, 0.8, 1.6])
 FEWEST_NODES = 30
-# What is bright is nearly white (eq. 5) in all but this part of the nodes.
+# Quantile of the nodes' bright blocks that is nearly white (eq. 5), and its radiance.
 BRIGHT_NODES, BRIGHT_RADIANCE = 0.7, 0.9
 
 
@@ -78,8 +78,7 @@ class Fitted(NamedTuple):
     evidence : float
         Part of the nodes' differences that counts as independent.
     trend : float
-        Standard deviation of the trend of ln ρ along the path, over that of a trend in the random
-        field.
+        Standard deviation of the trend of ln ρ along the path, over that of the random field.
     """
 
     evidence: float = 0.133
@@ -87,16 +86,16 @@ class Fitted(NamedTuple):
 
 
 FITTED = Fitted()
-# Variance of the differences over that of the next finer scale, before the frame tells it, between
-# white noise (1) and a random walk (4); number of differences that this counts for. Least variance
-# of each channel's, and the largest one of ln ρ: algae and white sand are three deviations apart.
+# Prior ratio of the differences' variance to that of the next finer scale, between white noise (1)
+# and a random walk (4), its weight in differences, and its largest value. Least variance of a
+# channel, and the largest one of ln ρ: algae and white sand are three deviations apart.
 GROWTH, GROWTH_WEIGHT, MOST_GROWTH, LEAST_TEXTURE, MOST_TEXTURE = 2.0, 8.0, 4.0, 2e-4, 1.0
-# Degrees of freedom of Student's distribution of the differences: with fewer, ground of two
-# reflectances is told by one of them.
+# Degrees of freedom of Student's distribution of the differences: with fewer, one of two
+# reflectances of the ground is taken for outliers.
 DEGREES = 6.0
 # Least squared share of direct light.
 LEAST_SHARE = 1e-6
-# Two directions of what channels differ by.
+# Two orthogonal directions of differences between channels.
 _BETWEEN_CHANNELS = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2.0], [6.0]])
 
 
@@ -111,7 +110,7 @@ class LampPosterior:
     covariance : (3, 3) float64 ndarray
         Of ln β.
     clearest : (3,) float64 ndarray
-        Quantiles of −ln min β over the channels seen, at the probabilities that were asked for.
+        Quantiles of −ln min β over the channels seen, at the given probabilities.
     exponent : float
         k.
     power : (3,) float64 ndarray
@@ -121,7 +120,7 @@ class LampPosterior:
     scattering_stddev : (3,) float64 ndarray
         Of ln s.
     daylight, veil : (3,) float64 ndarray
-        Irradiance of white by daylight, and its veil in the far; 0 without.
+        Irradiance of white by daylight, and its veil at infinity; 0 without.
     """
 
     log_attenuation: Array
@@ -138,8 +137,8 @@ class LampPosterior:
 class _LightOfDay(NamedTuple):
     """Daylight at nodes for one attenuation, over the light of lamps of power 1.
 
-    Of white ground before the camera, (3,); ln of what arrives of it, ln of its veil and its change
-    by β, (N, 3) each.
+    Irradiance of white ground at the camera, (3,); ln of the ground's light, ln of the veil and its
+    derivative by β, (N, 3) each.
     """
 
     white: Array
@@ -149,9 +148,9 @@ class _LightOfDay(NamedTuple):
 
 
 class _Light(NamedTuple):
-    """ln D and ln S at nodes for one attenuation, and what they change by.
+    """ln D and ln S at nodes for one attenuation, and their derivatives.
 
-    ln D at the usual exponent, its change by k, the path −d ln D / dβ, ln S and d ln S / dβ, (N, 3)
+    ln D at the usual exponent, d ln D / dk, the path −d ln D / dβ, ln S and d ln S / dβ, (N, 3)
     each.
     """
 
@@ -163,17 +162,16 @@ class _Light(NamedTuple):
     day: _LightOfDay | None
 
 
-# Depths, m, at which clear water gives daylight beside the lamps its colour, where the fit begins:
-# each as probable as that there is none. Its usual veil is half as bright as white, here over the
-# light of usual ground.
+# Depths, m, whose colour of daylight in clear water starts the fit; each is as probable as no
+# daylight. The usual veil is half as bright as white, here over the light of usual ground.
 DEPTHS = (2.0, 15.0)
 DAYLIGHT_VEIL = 0.5 / REFLECTANCE
-# Deviation of ln of daylight over the lamps' light at the median range: two of them are shares of 2
-# and 98 %. What clear water of the best depth is off by in ln of a channel's daylight, and the
-# deviation of ln of the veil over it, of all channels and of each: in waters of the laboratory.
+# Deviation of ln of daylight over the lamps' light at the median range: two deviations are shares
+# of 2 and 98 %. Deviation of ln of a channel's daylight from that in clear water at the best depth,
+# and of ln of the veil over it, of all channels and of each: in waters of the laboratory.
 DAYLIGHT_DEVIATION, DAYLIGHT_OF_CHANNELS = 2.0, 0.25
 VEIL_DEVIATION, VEIL_OF_CHANNELS = 0.8, 0.25
-# Changes of ln of both by their parameters, and where these are among those of `fit`.
+# Derivatives of ln of both by their parameters, and the places of these in those of `fit`.
 _DAYLIGHT_CHANGE, _VEIL_CHANGE = (
     np.column_stack((np.full(3, common), alone * np.eye(3))) for common, alone in (
         (DAYLIGHT_DEVIATION, DAYLIGHT_OF_CHANNELS), (VEIL_DEVIATION, VEIL_OF_CHANNELS)))
@@ -184,23 +182,23 @@ def infer(
     frames: Sequence[Nodes], lighting: LightingConfig, clear_water: Array, seen: Mask,
     quantiles: Array, fitted: Fitted = FITTED,
 ) -> LampPosterior | None:
-    """Infer attenuation from the nodes of frames in the order of time; None of too few nodes.
+    """Infer attenuation from the nodes of frames in the order of time; None with too few nodes.
 
     Parameters
     ----------
     frames : sequence of Nodes
     lighting : LightingConfig
-        The lamps; with `model` ``both`` kinds of daylight are summed over.
+        The lamps; with `model` ``both`` the posterior is summed over depths of daylight.
     clear_water : (3,) float64 ndarray
         κ, 1/m.
     seen : (3,) bool ndarray
-        Channels that the clearest one is sought among.
+        Channels among which the clearest one is sought.
     quantiles : (Q,) float64 ndarray
         Probabilities at which `LampPosterior.clearest` is given.
     """
     if sum(len(nodes.range) for nodes in frames) < FEWEST_NODES:
         return None
-    # Frames that follow one another show the same ground: they are worth one frame of all ranges.
+    # Consecutive frames show the same ground: they count as one frame with all ranges.
     fitted = fitted._replace(evidence=fitted.evidence / len(frames))
     scene = _Scene(frames, list(lighting.lamps()), lighting)
     depths = (None, *DEPTHS) if lighting.model == "both" else (None,)
@@ -232,7 +230,7 @@ class _Scene:
     def _main_directions(
         self, directions: Array, normals: Array, lamps: list[Lamp], lighting: LightingConfig
     ) -> Array:
-        """Main directions of ln D of lamps that are off by a standard deviation each, (N, M)."""
+        """Principal components of ln D by lamps off by a standard deviation, (N, M)."""
 
         def log_direct(rig: list[Lamp]) -> Array:
             ways = Ways.by_ground(directions, self.range, normals, rig)
@@ -250,7 +248,7 @@ class _Scene:
             rigs.append([*lamps[:i], stronger, *lamps[i + 1 :]])
         first = log_direct(lamps)
         changes = np.array([log_direct(rig) - first for rig in rigs])
-        # What all nodes have in common tells nothing.
+        # A change common to all nodes has no information.
         left, _, _ = np.linalg.svd(
             changes - changes.mean(axis=1, keepdims=True), full_matrices=False)
         return np.ascontiguousarray((left[:, :DIRECTIONS].T @ changes).T)
@@ -272,7 +270,7 @@ class _Scene:
         return _Light(direct, by_exponent, path, scattered, slope, by_day)
 
     def _daylight(self, attenuation: Array, colour: Array, direct: Array) -> _LightOfDay:
-        """Daylight of a colour (its logarithm), as strong as the lamps at the median range."""
+        """Daylight of a colour, given as logarithm, as strong as the lamps at the median range."""
         path = attenuation * self.range[:, np.newaxis]
         level = float((np.median(direct, axis=0) + np.median(path, axis=0)).mean())
         light, left = level + colour, np.exp(-path)
@@ -281,11 +279,11 @@ class _Scene:
             self.range[:, np.newaxis] * left / (1.0 - left))
 
     def parts(self, light: _Light, to_channels: Array, usual: float) -> tuple[Array, Array]:
-        """Logarithms of the light's parts, (2, L, N, 3), and changes by the parameters of `fit`.
+        """Logarithms of the light's parts, (2, L, N, 3), and derivatives by parameters of `fit`.
 
         From the ground and from the water, each by lamps and, where there is any, by daylight.
-        Changes are (2, L, N, 3, P). `to_channels` (3, 2) makes changes of β of the first two;
-        `usual` is ln of the usual amount of scattered light.
+        Derivatives are (2, L, N, 3, P). `to_channels` (3, 2) maps the first two parameters to
+        changes of β; `usual` is ln of the usual amount of scattered light.
         """
         mean = light.path.mean(axis=1)
         trend = (mean - mean.mean()) / max(float(mean.std()), 1e-6)
@@ -335,12 +333,12 @@ class _Fit(NamedTuple):
 def _over_grid(
     scene: _Scene, clear_water: Array, depth: float | None, fitted: Fitted
 ) -> list[_Fit]:
-    """Fit the other unknowns over `PARTICLES`, each from its neighbours, denser at the best.
+    """Fit the other unknowns over `PARTICLES`, each started at its neighbours; refine the best.
 
-    `depth` gives daylight its colour, m; None without daylight.
+    `depth`, m, gives the colour of daylight; None without daylight.
 
-    Ground behind much scattered light and bare ground are two solutions for one frame. From one
-    side only one of them is found.
+    A frame may have two solutions, with much scattered light and with little. Starting from one
+    side finds only one of them.
     """
 
     def fit_at(particles: float, start: _Fit | None) -> _Fit:
@@ -356,7 +354,7 @@ def _over_grid(
         evidence, precision = fit(
             scene.log_light, scene.variance, logs, changes, scene.details, fitted, p, texture)
         if not math.isfinite(evidence):
-            # It weighs nothing, and the next one starts anew.
+            # Its weight is 0, and the next fit starts from zero.
             evidence, precision = -math.inf, np.eye(len(p))
             p[:], texture[:] = 0.0, 0.0
         covariance = np.linalg.inv(precision)
@@ -382,7 +380,7 @@ def _over_grid(
 
 
 def _first_texture(residual: Array) -> Array:
-    """Covariance (3, 3) of ln ρ, by the robust deviation of nodes (N, 3): common and of each."""
+    """Covariance (3, 3) of ln ρ by robust deviations of nodes (N, 3): common and of channels."""
     away = residual - np.median(residual, axis=0)
     common = away.mean(axis=1)
     # Of a normal distribution, 1.48 median absolute deviations are one standard deviation.
@@ -392,7 +390,7 @@ def _first_texture(residual: Array) -> Array:
 
 
 def _expected(particles: float) -> float:
-    """Logarithm of the density of ln of attenuation by particles beforehand, but for a constant."""
+    """Log prior density of ln attenuation by particles, up to a constant."""
     return -0.5 * ((math.log(particles) - USUAL_PARTICLES) / PARTICLES_DEVIATION) ** 2
 
 
@@ -429,7 +427,7 @@ def _summed(
         scattered = np.logaddexp(scattered, light.day.veil + change + over_light)
     log_level = np.median(scene.log_light - np.logaddexp(direct, scattered), axis=0)
     level = np.exp(log_level)
-    # Images are restored as if the ground faced the lamps.
+    # Images are restored with ground facing the lamps.
     facing = direct - cosine
     usual = level * np.exp(np.median(cosine, axis=0))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -496,11 +494,11 @@ def fit(
     logs : (2, L, N, 3) float64 ndarray
         ln of the light's parts, from the ground and from the water.
     changes : (2, L, N, 3, P) float64 ndarray
-        What these change by with `p`.
+        Their derivatives by `p`.
     details : Details
     fitted : Fitted
     p : (P,) float64 ndarray
-        Differences of β (2), the exponent's departure, displacements of lamps (M), the course of
+        Differences of β (2), change of the exponent, displacements of lamps (M), variation of
         scattered light (K), ln of daylight and of its veil (4 and 4, where there is any), ln of the
         amount of scattered light over the usual one (3) and trends of ln ρ (3). Updated.
     texture : (L, 3, 3) float64 ndarray
@@ -570,7 +568,7 @@ def fit(
                     slope[i] += wx[c, i] * r[c]
                     for j in range(i + 1):
                         precision[i, j] += wx[c, i] * x[c, j]
-            # What is mostly noise tells little of the texture.
+            # Differences that are mostly noise have little weight in the texture.
             part = scale / (scale + relative + 1e-12)
             gathered_weight[level] += part
             for c in range(3):
@@ -593,13 +591,13 @@ def fit(
 
 @njit(nogil=True, error_model="numpy")
 def _expect(fitted: Any, texture: Any, count: int) -> Any:
-    """Precision of the parameters beforehand; `texture` is that of trends along nodes."""
+    """Prior precision of the parameters; `texture` is that of trends along nodes."""
     prior = np.eye(count)
     prior[2, 2] = 1.0 / EXPONENT_DEVIATION**2
     common = max((texture[1, 0] + texture[2, 0] + texture[2, 1]) / 3.0, 0.0)
     alone = max(np.trace(texture) / 3.0 - common, 0.0)
     trend = fitted.trend**2
-    # Three parameters each, with a variance in common and one of each.
+    # Three parameters each, with a common variance and an own one.
     for first, shared, own in (
         (count - 6, SCATTERING_DEVIATION**2, OF_CHANNELS**2),
         (count - 3, trend * (common + LEAST_TEXTURE), trend * (alone + LEAST_TEXTURE)),
@@ -616,7 +614,7 @@ def _take(
     variances: Any, residual: Any, jacobian: Any, share: Any, details: Any, row: int, r: Any,
     x: Any, own: Any, noise: Any,
 ) -> None:
-    """Residual, Jacobian, share of direct light and variance by noise of a detail."""
+    """Residual, Jacobian, share of direct light and noise variance of a difference."""
     r[:], own[:], noise[:], x[:] = 0.0, LEAST_SHARE, MODEL_DEVIATION**2, 0.0
     for k in range(details.first[row], details.first[row + 1]):
         node, weight = details.node[k], details.weight[k]
@@ -631,7 +629,7 @@ def _take(
 
 @njit(nogil=True, error_model="numpy")
 def _update_texture(gathered: Any, weight: Any, texture: Any) -> None:
-    """Covariance of each scale: what was gathered, and the next finer one with its growth."""
+    """Update the covariance of each scale; its prior is that of the next finer one, grown."""
     growth = GROWTH
     for level in range(len(texture)):
         texture[level] = gathered[level] + LEAST_TEXTURE * np.eye(3)

@@ -4,9 +4,9 @@
 
 Above flat ground one frame's ranges are too alike to show how light falls; a vehicle that
 climbs, sinks and pitches shows it over a minute. Power and exposure are taken to stay the
-same, so that cells of different frames compare as those of one do. The covariance holds
+same, so that nodes of different frames compare like those of one. The covariance holds
 the spread over blocks of frames that are left out in turn (delete-a-group jackknife: Künsch
-1989, doi:10.1214/aos/1176347265), since frames that follow one another show the same ground.
+1989, doi:10.1214/aos/1176347265), since consecutive frames show the same ground.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from uw_visibility.water.series.survey import (
 
 
 class LampSurvey:
-    """Takes the cells of frames together over a window of time."""
+    """Estimator of the water from the nodes of all frames in a time window."""
 
     def __init__(self, config: SurveyConfig, estimator: NodeEstimator) -> None:
         self._config = config
@@ -45,7 +45,7 @@ class LampSurvey:
         self._last: tuple[float, SurveyEstimate] | None = None
 
     def add(self, water: WaterEstimate, stamp_seconds: float) -> None:
-        """Add a frame's cells, if any; a stamp (s) not later than the last one begins anew."""
+        """Add a frame's nodes, if any; a stamp (s) not after the last one restarts the survey."""
         if not self._frames.continued_by(stamp_seconds):
             self.reset()
         light = water.lamps
@@ -57,14 +57,14 @@ class LampSurvey:
     def estimate(self) -> SurveyEstimate:
         """Estimate the water over the frames of the window, once in `INTERVAL`."""
         newest = self._frames.newest
-        # While there are few frames, each of them tells much.
+        # While there are few frames, each one adds much.
         few = len(self._frames) <= BLOCKS
         if self._last is None or few or not newest - self._last[0] < INTERVAL:
             self._last = newest, self._fresh()
         return self._last[1]
 
     def light(self) -> LampLight | None:
-        """Light over the frames of the window; None where none shows it."""
+        """Light estimated over the window; None where not assessable."""
         light = self.estimate().water.lamps
         return light if light is not None and np.isfinite(light.attenuation).any() else None
 

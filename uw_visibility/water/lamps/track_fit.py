@@ -35,14 +35,14 @@ from uw_visibility.water.lamps.posterior import (
 )
 from uw_visibility.water.lamps.tracks import TILES, Sightings
 
-# Sightings that are fitted at most, and at least; frames that have to show a point.
+# Largest and least number of sightings, and least number of frames that show a point.
 MOST_SIGHTINGS, FEWEST_SIGHTINGS, LEAST_FRAMES = 3000, 150, 3
 # Deviation of the prior of the logarithm of s.
 SCATTERING = 0.7
 # Median and deviation of the logarithm of attenuation, 1/m.
 USUAL_ATTENUATION, ATTENUATION = math.log(0.3), 1.0
-# Part of the light that is the ground's own at least, and that of sightings that count:
-# what shines by the water alone tells nothing of the ground behind it.
+# Least part of the light that is the ground's own, and that of sightings that count: scattered
+# light has no information on the ground behind it.
 OWN_PART, CLEAR_PART = 0.2, 0.5
 # Steps of the integral along the line of sight.
 STEPS = 10
@@ -51,10 +51,10 @@ STEPS = 10
 LEAST_SCATTER, MOST_SCATTER = 0.01, 0.2
 # Number of sightings and channels that share an error, as a root.
 TOGETHER = 6.0
-# Groups of frames by tiles of the image, whose errors are taken as independent.
+# Groups of frames; errors in different groups and tiles are taken as independent.
 FRAME_GROUPS = 6
-# What the ground's light about a point changes with the path of light beside the model, 1/m:
-# common to the channels, and of each alone.
+# Deviation of unmodelled trends of the ground's light along the path, 1/m: common to the channels,
+# and of each.
 TREND, CHANNEL_TREND = 0.015, 0.004
 ITERATIONS = 30
 
@@ -70,7 +70,7 @@ class TrackFit:
 def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFit | None:
     """Fit attenuation to points in frames in the order of time, under lamps without daylight.
 
-    None where there are too few points, or they do not follow the lamps.
+    None with too few points, or if they do not fit the lamps.
     """
     if len(frames) < LEAST_FRAMES:
         return None
@@ -132,7 +132,7 @@ def _residuals(
     share = np.where(clear, added / own, 0.0)
     jacobian = np.zeros((*light.shape, 7))
     jacobian[..., 0] = -cosine + share * cosine.mean(axis=0)
-    # Power follows attenuation, for what is seen stays as it is.
+    # Power changes with attenuation, since the observed light is fixed.
     by_beta = path - share * (1.0 / beta + path.mean(axis=0) - path_scattered)
     jacobian[..., _BETA] = (by_beta * beta)[..., np.newaxis] * np.eye(3)
     jacobian[..., _SCATTERING] = -share[..., np.newaxis] * np.eye(3)

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Points of the ground that are tracked from frame to frame under lamps, and their light."""
+"""Tracking of ground points under lamps, and their light."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.images.view import View
 from uw_visibility.optics.transfer import linear_table
 
-# Half the width of the ground about a point whose light is taken, m: a tracker prefers spots
-# that differ from what is about them, and loses some of that on its way, so that light of
-# narrow patches drifts with range. As a part of the image's height at most, and px at least.
+# Half the width of the patch of ground around a point, m: a tracker prefers spots that differ from
+# their surroundings, and drifts off them, so that the light of narrow patches drifts with range. At
+# most a part of the image's height, at least so many px.
 PATCH, WIDEST, NARROWEST = 0.16, 1 / 6, 2.0
-# Ranges read along a patch's side; the part of them that has to be known, and to lie within
-# so much of a plane.
+# Ranges read along a patch's side; least part of them that is known and on the plane, and largest
+# relative distance from the plane.
 ACROSS, KNOWN_PART, OFF_PLANE = 9, 0.5, 0.1
-# Part of a patch that may be saturated; least mean irradiance.
+# Largest saturated part of a patch; least mean irradiance.
 SATURATED_PART, DARKEST = 0.01, 3.0 / 255
 # Parts of the image, along and across.
 TILES = 4
@@ -142,7 +142,8 @@ def _box_sums(image: NDArray[np.float32], points: Array, half: Array) -> Array:
             - at(high[:, 0], low[:, 1]) + at(low[:, 0], low[:, 1]))
 
 
-# Points tracked at a time, how far one may come back from its own place, px, and the tracker's.
+# Largest number of points, largest error of tracking forth and back, px, and the tracker's
+# parameters.
 MOST_POINTS, RETURN = 250, 0.5
 FLOW: dict[str, Any] = {"winSize": (15, 15), "maxLevel": 4}
 # Distance of points, as a part of the width, for calibration and for surveys.
@@ -204,7 +205,7 @@ class PointTracker:
 
 
 def _evened(irradiance: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Local contrast of the logarithm of green, which the light of lamps does not change."""
+    """Local contrast of ln green, which does not depend on the lamps' light."""
     logarithm = np.log(irradiance[..., 1] + np.float32(2.0 / 255))
     away = logarithm - cv2.GaussianBlur(logarithm, (0, 0), irradiance.shape[1] / 20)
     return np.asarray(np.clip(128 + 80 * away, 0, 255).astype(np.uint8))
@@ -241,7 +242,7 @@ class GroundView:
         assert view.colour is not None
         pixels = view.colour.pixels
         height, width = view.shape
-        # A sample holds so many of the camera's pixels along a row.
+        # Pixels of the camera along a sample's side.
         step = max(1, width // REDUCED_WIDTH)
         size = width // step, height // step
         top = np.iinfo(pixels.dtype).max
