@@ -43,7 +43,7 @@ _CLASSES: dict[str, type[Any]] = {
 _SHAPES: dict[type[Any], dict[str, tuple[int, ...]]] = {
     WaterEstimate: {
         "attenuation": (3,), "ambient_light": (3,), "covariance": (6, 6), "light": (3,),
-        "light_stddev": (3,), "light_covariance": (3, 3), "clearest": (3,),
+        "light_covariance": (3, 3), "clearest": (3,),
     },
     LampLight: {
         "attenuation": (3,), "power": (3,), "scattering": (3,), "daylight": (3,), "veil": (3,)},

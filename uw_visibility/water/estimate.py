@@ -78,11 +78,9 @@ class WaterEstimate:
     light : (3,) float64 ndarray or None
         Light W on the scene; None where it is the veil, as in the paper. See
         `scene_light`.
-    light_stddev : (3,) float64 ndarray or None
-        Its standard deviation.
     light_covariance : (3, 3) float64 ndarray or None
         Covariance of ln W: channels are off alike, so that the light's colour is better known than
-        its level. None where W follows the veil.
+        its level. None where `light` is.
     clearest : (3,) float64 ndarray or None
         16, 50 and 84 % of −ln min β over the channels, β in 1/m; None where it is as β and
         its covariance say.
@@ -111,7 +109,6 @@ class WaterEstimate:
     channel_status: tuple[Status, Status, Status]
     envelope: Envelopes | None = None
     light: Array | None = None
-    light_stddev: Array | None = None
     light_covariance: Array | None = None
     clearest: Array | None = None
     blocks: Blocks | None = None
@@ -134,7 +131,9 @@ class WaterEstimate:
     @property
     def scene_light_stddev(self) -> Array:
         """(3,) float64: standard deviation of the light on the scene."""
-        return self.ambient_light_stddev if self.light_stddev is None else self.light_stddev
+        if self.light_covariance is None:
+            return self.ambient_light_stddev
+        return self.scene_light * np.sqrt(np.diag(self.light_covariance))
 
     @property
     def attenuation_stddev(self) -> Array:

@@ -25,7 +25,7 @@ def frame(grey: bool, red: float = 0.1) -> WaterEstimate:
     light = np.array([red, 0.4, 0.5])
     return WaterEstimate(
         Status.OK, np.array([0.5, 0.2, 0.15]), light, covariance, 9, 30, (Status.OK,) * 3,
-        light=light, light_stddev=0.05 * light, grey_on_average=grey)
+        light=light, light_covariance=0.05**2 * np.eye(3), grey_on_average=grey)
 
 
 @pytest.mark.parametrize(("gain", "grey"), [

@@ -659,7 +659,7 @@ def test_the_filtered_state_is_assessed_like_any_other():
 def test_light_on_the_scene_keeps_its_ratio_to_the_veil_while_frames_are_rejected():
     def lit(frame, ratio):
         light = ratio * frame.ambient_light
-        return dataclasses.replace(frame, light=light, light_stddev=0.1 * light)
+        return dataclasses.replace(frame, light=light, light_covariance=0.1**2 * np.eye(3))
 
     rng = np.random.default_rng(18)
     tracker = WaterTracker()
@@ -682,7 +682,7 @@ def test_the_lights_covariance_is_kept_while_frames_do_not_show_a_channel():
     def lit(frame, **changes):
         light = 2.0 * frame.ambient_light
         return dataclasses.replace(
-            frame, light=light, light_stddev=0.3 * light, light_covariance=alike, **changes)
+            frame, light=light, light_covariance=alike, **changes)
 
     rng = np.random.default_rng(18)
     tracker = WaterTracker()
@@ -692,7 +692,7 @@ def test_the_lights_covariance_is_kept_while_frames_do_not_show_a_channel():
     frame, hidden = lit(drawn(rng)), np.array((True, False, False))
     values = {
         name: np.where(hidden, np.nan, getattr(frame, name))
-        for name in ("attenuation", "ambient_light", "light", "light_stddev")}
+        for name in ("attenuation", "ambient_light", "light")}
     partly = dataclasses.replace(
         frame, **values, status=Status.RANGE_SPREAD_TOO_SMALL,
         channel_status=(Status.RANGE_SPREAD_TOO_SMALL, Status.OK, Status.OK),

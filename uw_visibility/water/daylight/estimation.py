@@ -185,8 +185,7 @@ class WaterEstimator:
             known = np.isfinite(estimate.attenuation)
             light, light_covariance = _light(posterior, envelope, known)
             estimate = replace(
-                estimate, light=light, light_stddev=light * np.sqrt(np.diag(light_covariance)),
-                light_covariance=light_covariance,
+                estimate, light=light, light_covariance=light_covariance,
                 clearest=_wider(posterior.clearest(known, ONE_SIGMA)) if known.any() else None)
         return replace(
             estimate, transfer_log_odds=float(logit(posterior.other_curve)),

@@ -140,7 +140,7 @@ class NodeEstimator:
                 status, beta, np.where(known, np.maximum(veil + posterior.veil, 1e-9), np.nan),
                 blank(joint, known)),
             iterations=1, bins=sum(len(nodes.range) for nodes in frames), light=scene_light,
-            light_stddev=POWER_DEVIATION * scene_light,
+            light_covariance=np.where(np.outer(known, known), POWER_DEVIATION**2, np.nan),
             lamps=LampLight(
                 beta, scene_light, np.where(known, posterior.scattering, np.nan),
                 posterior.daylight, posterior.veil, frames[-1]))

@@ -156,17 +156,9 @@ class Assessor:
             attenuation, light, covariance_with_light(estimate)[np.ix_(both, both)])
         if estimate.light is None:
             return Status.OK, (depth, precision, precision)
-        scene = 0.0
-        if estimate.light_covariance is None:
-            patches = np.zeros((len(light) * 2,) * 2)
-            # The veil's part of it is in the precision.
-            of_veil = estimate.ambient_light_stddev[seen] * light / estimate.veil[seen]
-            patches[1::2, 1::2] = np.diag(
-                np.maximum(estimate.scene_light_stddev[seen]**2 - of_veil**2, 0.0))
-            _, scene = model.depth(attenuation, light, patches)
         of_model, colour_error = model.model_stddev(
             depth, attenuation, estimate.attenuation_stddev[seen], light)
-        stddev = math.hypot(precision, scene, of_model)
+        stddev = math.hypot(precision, of_model)
         # By daylight a channel becomes too dark only far below.
         deepest = depth + MAX_COLOUR_ERROR * stddev
         lost = self._depth.light(deepest, estimate.scene_light, seen) > _least_light(estimate)
@@ -205,11 +197,9 @@ def _least_light(estimate: WaterEstimate) -> Array:
 def covariance_with_light(estimate: WaterEstimate) -> Array:
     """Covariance of an estimate with the scene light in the place of I∞.
 
-    Scaled like it, or that of the light's own where it is known.
+    That of the light's own where it is known apart from the veil.
     """
-    scale = np.ones(6)
-    scale[1::2] = estimate.scene_light / estimate.ambient_light
-    joint = np.asarray(estimate.covariance * np.outer(scale, scale))
+    joint = estimate.covariance.copy()
     if estimate.light_covariance is not None:
         light = estimate.scene_light
         joint[1::2, :] = joint[:, 1::2] = 0.0

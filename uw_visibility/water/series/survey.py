@@ -302,8 +302,7 @@ def _at_level(water: WaterEstimate, gain: Array) -> WaterEstimate:
     return replace(
         water, ambient_light=water.ambient_light * gain,
         covariance=water.covariance * np.outer(scale, scale),
-        light=None if water.light is None else water.light * gain,
-        light_stddev=None if water.light_stddev is None else water.light_stddev * gain)
+        light=None if water.light is None else water.light * gain)
 
 
 def _values(estimate: WaterEstimate) -> Array:

@@ -63,8 +63,8 @@ class WaterTracker:
         self._outlier: Measurement | None = None
         # Covariance by the chance that rejected frames are right.
         self._doubt = np.zeros((6, 6))
-        # Light on the scene and its deviation, over the veil, in the frames taken in.
-        self._light = np.full((2, 3), np.nan)
+        # Scene light over the veil in the accepted frames, and covariance of its logarithm.
+        self._light = np.full(3, np.nan)
         self._light_covariance: Array | None = None
         self._stamp = -math.inf
 
@@ -103,12 +103,10 @@ class WaterTracker:
                 self._state = None
                 self._settle()
         self.event = self._correct(measurement)
-        if estimate.light is not None and self.event in _TAKEN_IN:
-            light = np.array((estimate.light, estimate.light_stddev)) / estimate.ambient_light
+        if estimate.light_covariance is not None and self.event in _TAKEN_IN:
+            light = estimate.scene_light / estimate.ambient_light
             self._light = np.where(np.isfinite(light), light, self._light)
-            if estimate.light_covariance is not None:
-                self._light_covariance = _renewed(
-                    self._light_covariance, estimate.light_covariance)
+            self._light_covariance = _renewed(self._light_covariance, estimate.light_covariance)
         self.estimate = self._filtered(estimate)
         return self.estimate
 
@@ -147,11 +145,9 @@ class WaterTracker:
         status = [Status.OK if known[c] else estimate.channel_status[c] for c in range(3)]
         mean, joint = self._state.published(self._doubt)
         mean[np.repeat(~known, 2)] = np.nan
-        light, stddev = (
-            self._light * mean[LIGHT] if np.isfinite(self._light).any() else (None, None))
+        light = None if self._light_covariance is None else self._light * mean[LIGHT]
         return replace(
-            estimate, light=light, light_stddev=stddev, light_covariance=self._light_covariance,
-            clearest=None,
+            estimate, light=light, light_covariance=self._light_covariance, clearest=None,
             **of_channels(status, mean[ATTENUATION], mean[LIGHT], blank(joint, known)))
 
 
