@@ -17,20 +17,20 @@ from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.images.view import ColourSamples
 from uw_visibility.optics.transfer import linear_table
 
-# Blocks of an image at most: those of the views that the networks are trained on, so that a patch
-# of an image is as many blocks there as here.
+# Largest number of blocks of an image: that of the networks' training views, so that patches of an
+# image have the same size in blocks.
 BLOCKS = 20_000
-# Blocks that are kept of a frame, for a survey to take with those of others.
+# Blocks of a frame that are kept for a survey.
 BLOCKS_KEPT = 1500
-# Fewest blocks with a range that are a picture of the water.
+# Least number of blocks with a range for an estimate.
 FEWEST_BLOCKS = 600
-# A block whose pixels' ranges differ by more shows two surfaces.
+# Largest relative difference of ranges in a block; beyond, it shows two surfaces.
 MOST_RANGE_STEP = 0.1
-# Ranges that are more times farther, or nearer, than the median get no bin: they are wrong, or few.
+# Largest ratio of a range to the median, or inverse: ranges beyond are wrong, or few.
 WIDEST = 12.0
 # Beyond these, m, a range is an error of computation.
 MIN_RANGE, MAX_RANGE = 1e-3, 1e5
-# What a black pixel counts where a clipped one counts 1, so that one sum has the number of both.
+# Count of a black pixel where a clipped one counts 1, so that one sum holds both numbers.
 MARK_OF_BLACK = 1 << 32
 
 
@@ -115,9 +115,9 @@ def with_ranges(blocks: Blocks, range_map: NDArray[np.floating], size: int) -> B
 
 
 def away_from_edges(blocks: Blocks) -> Blocks:
-    """Blocks without the ranges beside a step of range, or beside unknown range.
+    """Blocks without ranges next to a step of range, or to unknown range.
 
-    Ranges of a matcher reach beyond the edges of surfaces. All blocks, if few would be left.
+    Matched ranges reach beyond the edges of surfaces. All blocks are kept if few would be left.
     """
     ranges = blocks.range
     known = np.isfinite(ranges)
@@ -142,8 +142,8 @@ def place_by_range(
 ) -> tuple[NDArray[np.int8], Array, Array, tuple[float, float]]:
     """Bin of each block (−1 for none), mean range and count of each bin, and where bins end, m.
 
-    Bins are equal in the mean of two measures: number of blocks, and logarithm of range. So
-    neither a crowd at one range nor a few far blocks take all bins. `near` are the blocks that
+    Bins have equal shares in the mean of two measures: number of blocks, and logarithm of range. So
+    neither many blocks at one range nor a few far blocks take all bins. `near` are the blocks that
     count, and `order` their ranges, see `known_ranges`; there is at least one.
     """
     last = len(order) - 1
@@ -166,7 +166,7 @@ def place_by_range(
 
 
 def thinned(blocks: Blocks, number: int) -> Blocks:
-    """Every so many-th row of blocks, so that some `number` of them are left."""
+    """Blocks of evenly spaced rows, about `number` of them."""
     step = max(1, round(blocks.range.size / number))
     rows = slice(step // 2, None, step)
     return blocks._replace(light=blocks.light[rows].copy(), range=blocks.range[rows].copy())
@@ -175,7 +175,7 @@ def thinned(blocks: Blocks, number: int) -> Blocks:
 def stacked(frames: Sequence[tuple[Blocks, Array]]) -> Blocks:
     """Blocks of frames of one size as those of one image, each with a gain of its channels.
 
-    Rows of the frames alternate, so that what is above in a frame stays above.
+    Rows of the frames alternate, so that upper blocks stay above lower ones.
     """
     parts = [blocks for blocks, _ in frames]
     light = np.stack([blocks.light * gain.astype(np.float32) for blocks, gain in frames], axis=1)
@@ -199,7 +199,7 @@ def _sum_up_light(
     for y in range(light.shape[0]):
         for x in range(light.shape[1]):
             rows, columns = slice(y * size, (y + 1) * size), slice(x * size, (x + 1) * size)
-            # Names, since sums in an array take twice the time.
+            # Scalars, since sums in an array take twice the time.
             red, green, blue, of_red, of_green, of_blue = 0.0, 0.0, 0.0, 0, 0, 0
             for row in image[rows, columns]:
                 for u in range(size):

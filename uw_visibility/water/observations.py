@@ -17,7 +17,7 @@ from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.transfer import linear_table
 from uw_visibility.water.blocks import Blocks, known_ranges, place_by_range
 
-# Bins at most, and fewest blocks of one; on average there are twice as many.
+# Largest number of bins, and fewest blocks of one; on average a bin has twice as many.
 BINS = 32
 FEWEST_OF_BIN = 24
 FEWEST_BINS = 6
@@ -28,7 +28,7 @@ BRIGHT_QUANTILE = 0.99
 BRIGHT_BINS = 3
 # Quantile that shows how steep the dark end of a bin is, beside the envelope.
 STEEPNESS_QUANTILE = 0.1
-# Calibration and fixed pattern that no average takes, in 8-bit code values.
+# Errors of calibration and fixed pattern, which averages do not reduce, in 8-bit code values.
 FIXED_PATTERN = 0.5
 
 
@@ -49,11 +49,11 @@ class Envelopes:
     step : (3, N) float64 ndarray
         Irradiance that one code value of the camera's spans at the dark envelope.
     deviation : (3, N) float64 ndarray
-        Standard deviation of the dark envelope by rounding and noise.
+        Standard deviation of the dark envelope from rounding and noise.
     saturated, zero : (3,) float64 ndarray
         Fraction of the image's pixels at the largest code value, and at 0.
     grey : bool
-        Whether no block has any colour.
+        Whether all blocks are grey.
     limits : tuple of float
         Where the bins begin and end, m; twice 0 without ranges.
     range_error : float
@@ -100,12 +100,12 @@ def observe(
     range_error : float
         Standard deviation of range over its square, 1/m; 0 for exact ranges.
     known : tuple, optional
-        `known_ranges` of the blocks, where these are at hand.
+        `known_ranges` of the blocks, if computed before.
 
     Returns
     -------
     Envelopes
-        Perhaps without any bin.
+        May have no bin.
     """
     near, order = known or known_ranges(blocks)
     counted = np.isfinite(blocks.light[..., 0])
@@ -147,9 +147,9 @@ def observe(
 def _sort_into_bins(
     light: Any, ranges: Any, place: Any, next_of: Any, ordered: Any, darkest: Any, of_darkest: Any
 ) -> None:
-    """Fill irradiance by channel, bin after bin, and that of the darkest blocks, with their range.
+    """Sort irradiance by channel and bin; find the darkest blocks, with their range.
 
-    `next_of` is where a bin begins, and changes. Of equals, those above and to the left are darker.
+    `next_of` is the start of each bin, and is changed. Of equals, upper and left ones are darker.
     """
     for y in range(place.shape[0]):
         for x in range(place.shape[1]):
@@ -179,7 +179,7 @@ class _Slope:
             "srgb" if blocks.encoded else "linear", np.uint16 if blocks.deep else np.uint8
         ).astype(np.float64)
         middle = len(self._table) // 2
-        # Of the noise, as a part of full scale.
+        # Noise as a part of full scale.
         self.noise = blocks.noise / self.at(self._table[middle])
 
     def at(self, irradiance: Array | float) -> Array:
@@ -191,8 +191,8 @@ class _Slope:
 def _noise_shift(noise: Array, rise: Array, quantiles: Array) -> Array:
     """Bias of the dark envelope by noise.
 
-    Where noise alone makes the dark end, the envelope lies at the noise's own quantile; where the
-    scene itself has a long tail, the bias is smaller in proportion to the steepness.
+    If noise alone makes the dark end, the envelope is a quantile of the noise. If the scene has a
+    long dark tail, the bias is smaller, in proportion to the steepness.
     """
     outer, inner = -ndtri(quantiles)
     steepness = np.minimum((outer - inner) * noise / np.maximum(rise, 1e-9), 1.0)

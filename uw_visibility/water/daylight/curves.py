@@ -9,9 +9,9 @@ If surfaces at all ranges are alike, each quantile of irradiance follows
 with one β and a veil B that may change with the row v, B(v) = B_0 + B_1 v (eq. 4 for any
 reflectance). For a given β that is linear in B_0, B_1 and c_k. So do the means of a tile of the
 image, whose surfaces are more alike than those of all the image. Open water shows B where nothing
-is left of surfaces. Contrast follows C² e^(−2βd) + N², with noise N, whatever the veil. The network
-sees the residuals over β, with the veil that belongs to each, and need not learn what an
-exponential is.
+is left of surfaces. Contrast follows C² e^(−2βd) + N², with noise N, whatever the veil. The
+network's inputs are the residuals over β and the veil of each, so that it need not learn
+exponentials.
 """
 
 from __future__ import annotations
@@ -50,24 +50,24 @@ STEP = float(LOG_THICKNESS[1] - LOG_THICKNESS[0])
 DARK, ALL, BLACK = (1, 4), (1, 7), (1, 2)
 # Pairs of quantiles whose difference shows contrast.
 SPREADS = ((6, 2), (5, 3), (4, 1))
-# Weight of open water in a fit, in bins: it decides on the veil and its gradient, or has a part.
+# Weight of open water in a fit, in bins: it determines the veil and its gradient, or contributes.
 FIXED, FREE = 1000.0, 30.0
 # Rounding and noise, relative to the brightest, and relative error of a contrast: smaller residuals
-# say nothing.
+# have no information.
 PRECISION, CONTRAST_PRECISION = 0.003, 0.05
 # Change of the veil from the upper to the lower edge, relative to the brightest, that is as likely
 # as a residual of PRECISION in one bin.
 GRADIENT = 0.5
-# Halves of open water that are so many heights apart tell half of the veil's gradient.
+# Distance of the halves of open water, in heights, at which the veil's gradient has half weight.
 LEAST_APART = 0.03
-# Open water counts half where ln of the mean squared residual is so much worse with it, and how
-# steeply that changes.
+# Increase of ln mean squared residual at which open water has half weight, and the steepness of the
+# transition.
 MOST_WORSE, STEEP = 0.6, 5.0
 # A veil's growth over β as multiple scattering has it: 0.35 to 0.9 in path-traced water.
 SLOWER = 0.6
 # Exponent of sRGB as a whole (IEC 61966-2-1).
 GAMMA = 2.2
-# Of the veil every third value of the grid is kept.
+# Every third value of the veil over the grid is kept.
 KEPT = slice(1, None, 3)
 # Contrasts that are fitted, by place in a bin's statistics.
 CONTRASTS = (LOCAL, COARSE, WITHIN_TILE)
@@ -128,7 +128,7 @@ OF_CURVES = (
 
 
 class Levelled(NamedTuple):
-    """Statistics without the gradient of the veil that open water shows.
+    """Statistics corrected for the veil's gradient, which open water shows.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ class Levelled(NamedTuple):
     water : (..., 3, 2) float32 ndarray
         Light of the two halves of open water; near 0 without.
     slope : (..., 3) float32 ndarray
-        B_1 that was taken away, relative to the brightest.
+        B_1 that was removed, relative to the brightest.
     """
 
     of_bins: NDArray[np.float32]
@@ -151,12 +151,12 @@ def level(
     of_bins: NDArray[np.floating], of_tiles: NDArray[np.floating],
     of_channels: NDArray[np.floating], of_image: NDArray[np.floating],
 ) -> Levelled:
-    """Take the gradient of the veil away, so that it looks as in the middle row everywhere.
+    """Remove the gradient of the veil, so that it is that of the middle row everywhere.
 
     Between the halves of open water B changes by B_1 a row; before surfaces by B_1 v (1 − e^(−βd)),
     with the β that fits the tiles best with that veil. What looks like open water may be a smooth
-    surface that was not matched: where that veil fits the tiles worse than any other, it does not
-    count. For the arrays see `curves`.
+    surface that was not matched: where the tiles fit worse with that veil, it is ignored. For the
+    arrays see `curves`.
     """
     distance = np.exp(of_image[..., RANGES])
     probability = of_channels[..., IS_WATER, np.newaxis]

@@ -61,14 +61,14 @@ from uw_visibility.water.observations import Envelopes, observe
 # Radiance of the brightest patch of a scene, and its deviation.
 BRIGHT_RADIANCE = 0.9
 WHITE_DEVIATION = 0.27
-# The brightest patch near by is at least so bright: of a darker one noise decides.
+# Least radiance of the brightest near patch: darker ones are noise.
 LEAST_RADIANCE = 0.05
-# Standard deviation of the scale of range that a calibration leaves, as a part of it; β is off by
-# as much (belief `range.scale` of the laboratory: 8 % at most).
+# Relative standard deviation of the scale of range after calibration, and so of β (belief
+# `range.scale` of the laboratory: 8 % at most).
 RANGE_SCALE_DEVIATION = 0.046
 
 
-# What a view shows, whatever its ranges are. Its appearance is taken when it is first asked for.
+# Parts of an estimate that do not depend on the ranges. The appearance is computed at first use.
 _Picture = tuple[Blocks, Callable[[], Appearance], ColourBalance]
 
 
@@ -85,7 +85,7 @@ class WaterEstimator:
     daylight : Daylight, optional
         Prior of the colour of the ambient light, with one light for veil and scene.
     network : Network, optional
-        What infers the posterior; that of the package where absent.
+        Network that infers the posterior; that of the package by default.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class WaterEstimator:
         self._transfer = transfer
         self._daylight = daylight
         self._network = network
-        # Of views that are in use: both steps of the pipeline read the same one.
+        # For views in use: both steps of the pipeline read the same one.
         self._pictures: WeakKeyDictionary[View, _Picture] = WeakKeyDictionary()
 
     def estimate(
@@ -114,7 +114,7 @@ class WaterEstimator:
         range_map : (H, W) ndarray of float
             Range along the line of sight, m; NaN where unknown.
         valid : (H, W) bool ndarray, optional
-            Pixels that may count.
+            Valid pixels.
         range_error : float
             Standard deviation of range over its square, 1/m, see `StereoRig.range_error`; 0 for
             exact ranges. Measured ranges that are passed as exact bias the attenuation.
@@ -262,7 +262,7 @@ def _attenuation_and_veil(posterior: Posterior) -> tuple[Array, Array]:
 
 
 def _wider(quantiles: Array) -> Array:
-    """Quantiles of ln 1/β, the median in the middle, with the scale of range unknown."""
+    """Widen quantiles of ln 1/β, the median in the middle, by the error of the scale of range."""
     away = quantiles - quantiles[len(quantiles) // 2]
     return np.asarray(quantiles - away + np.sign(away) * np.hypot(away, RANGE_SCALE_DEVIATION))
 
@@ -270,8 +270,8 @@ def _wider(quantiles: Array) -> Array:
 def _light(posterior: Posterior, envelope: Envelopes, known: Mask) -> tuple[Array, Array]:
     """Light W on the scene, (3,), and covariance of ln W, (3, 3); NaN for unknown channels.
 
-    The image hardly tells its level: scenes may be bright in dim light. So that of the posterior
-    is fused with the expectation that the brightest patch near by is nearly white (eq. 5).
+    An image hardly shows the light's level: scenes may be bright in dim light. So the posterior is
+    fused with the prior that the brightest near patch is nearly white (eq. 5).
     """
     attenuation, veil, light = np.exp(posterior.mean).T
     covariance = posterior.covariance[2::3, 2::3]

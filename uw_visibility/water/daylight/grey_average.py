@@ -18,16 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 # ln of the ratio of two channels' mean code values up to which an image is grey on average.
-# On real pairs of a video camera with automatic white balance it is up to 0.067; of 960
-# frames of fixed balance at 3 m none is within this.
+# On real pairs of a video camera with automatic white balance it is up to 0.067; 960 frames of
+# fixed balance at 3 m are all beyond.
 LARGEST_RATIO = 0.08
-# The same of green and blue where red is darker, and frames that it takes: of 128 rendered
-# recordings of fixed balance 5 have a frame within this, and none has two.
+# The same for green and blue if red is darker, and least number of frames for this: of 128 rendered
+# recordings of fixed balance, 5 have one frame within this, and none has two.
 BLUE_AS_GREEN = 0.004
 LEAST_FRAMES = 3
-# Every so many-th row and column is looked at.
+# Step of the rows and columns that are used.
 STRIDE = 4
-# Frames that are looked at together, of which more than half have to be grey.
+# Recent frames that are used, of which more than half have to be grey.
 FRAMES = 10
 
 

@@ -27,10 +27,10 @@ from uw_visibility.water.daylight.statistics import (
 DRAWS = 128
 # Largest probability of lamps at which a view is taken for one by daylight.
 MOST_LAMPS = 0.1
-# Log odds that are added where lamps are known to be on board: they are as probable as daylight
-# then, and in training are 3 % (belief `lamps.share` of the laboratory).
+# Log odds to add if lamps are known to be on board: then they are as probable as daylight; in
+# training they are 3 % (belief `lamps.share` of the laboratory).
 DECLARED = -float(logit(0.03))
-# Quantiles of irradiance that no surface is darker, or brighter, than; by place in QUANTILES.
+# Quantiles of the darkest and the brightest surfaces, by place in QUANTILES.
 DARKEST, LIGHTEST = 1, len(QUANTILES) - 1
 # Places of ln β and ln B of each channel among the nine unknowns.
 ATTENUATION_AND_VEIL = np.array([0, 1, 3, 4, 6, 7])
@@ -51,11 +51,11 @@ class Posterior:
     weight : (D,) float64 ndarray
         Of the draws; sums to 1.
     other_curve : float
-        Probability that the camera's curve is another than the one that was told.
+        Probability that the camera's transfer is not the configured one.
     lamps : float
         Probability that lamps light the image instead of daylight.
     unlike : float
-        Mean square of the statistics, in deviations from those of training: about 1.
+        Mean square of the standardised statistics; about 1 for images like those of training.
     misfit : float
         How far the image is from what the draws predict, see `_misfit`.
     """
@@ -80,7 +80,7 @@ class Posterior:
 def light_status(lamps: float) -> Status:
     """OK for daylight, else why a view is refused, by the probability of undeclared lamps.
 
-    Water that is estimated by daylight from a view by lamps is wrong many times over.
+    An estimate by daylight from a view under lamps is wrong by a large factor.
     """
     if lamps > 0.5:
         return Status.LIT_BY_LAMPS
@@ -123,7 +123,7 @@ def _standard_normal() -> Array:
 
 
 def _misfit(draws: Array, weight: Array, statistics: Statistics) -> float:
-    """Posterior predictive discrepancy (Gelman, Meng and Stern 1996): 0 where all fits.
+    """Posterior predictive discrepancy (Gelman, Meng and Stern 1996); 0 for a perfect fit.
 
     No surface is darker than the veil before it, B (1 − e^(−βd)), and none brighter than white,
     W e^(−βd) + B (1 − e^(−βd)) (eq. 4). Mean over bins, channels and draws of the square of ln

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The network that turns statistics into a posterior, run by NumPy.
 
-One network serves the three channels: it sees the statistics of a channel, and the mean of the
-other two. So an exchange of channels exchanges its answers. For each channel c it gives K normal
-components of t_c = (ln βd̃, ln B/b̂, ln W/b̂), with d̃ the median range and b̂ the channel's
-brightest; loadings on R factors that the channels share make the components' covariance
+One network serves the three channels: its inputs are the statistics of a channel and the mean of
+those of the other two. So it is equivariant to permutations of the channels. For each channel c it
+gives K normal components of t_c = (ln βd̃, ln B/b̂, ln W/b̂), with d̃ the median range and b̂ the
+channel's brightest; loadings on R factors that the channels share make the components' covariance
 
     Σ = blockdiag(L_c L_cᵀ) + U Uᵀ,    L_c lower triangular (3, 3), U (9, R).
 
@@ -49,22 +49,22 @@ FACTORS = 2
 UNKNOWNS = 3
 OF_COMPONENT = UNKNOWNS + 6 + UNKNOWNS * FACTORS
 OUTPUTS = COMPONENTS * OF_COMPONENT
-# Of each channel: its own, the mean of the others', and those of the image.
+# Features of each channel: its own, the mean of the others', and those of the image.
 OWN = OF_CURVES + OF_CHANNEL  # a channel's own
 FEATURES = 2 * OWN + OF_IMAGE
-# What the networks tell of an image beside the mixture: whether the camera's curve is another than
-# the one that was told, and whether lamps light it instead of daylight.
+# Binary outputs beside the mixture: the camera's transfer is not the configured one; lamps light
+# the image instead of daylight.
 FLAGS = 2
-# Features that tell whether an image is like those of training: its statistics, not how well the
-# light model fits them, since none can be fitted too well.
+# Features that show whether an image is like those of training: its statistics without the
+# residuals of the light model, which cannot be too small.
 PLAIN = np.r_[:BINS * OF_BIN, OF_CURVES:OWN, 2 * OWN:FEATURES]
-# Differences between left and right, whose sign tells nothing: a mirrored image is the same to the
-# network.
+# Differences between left and right, of which the network takes the absolute values: it is
+# invariant to mirrored images.
 SIDEWAYS = np.add.outer(
     np.arange(BINS) * OF_BIN, BETWEEN_HALVES + np.arange(len(COMPARED))).ravel()
 # A channel of which more pixels than this part have the code 0 has no light.
 MOST_ZEROS = 0.5
-# Features are standardised, and cut at so many deviations.
+# Standardised features are clipped at so many deviations.
 MOST_DEVIATIONS = 6.0
 # Bounds of the logarithm of a component's deviation.
 LEAST_LOG_DEVIATION, MOST_LOG_DEVIATION = -4.0, 1.5
@@ -72,7 +72,7 @@ LEAST_LOG_DEVIATION, MOST_LOG_DEVIATION = -4.0, 1.5
 WEIGHTS = "daylight_posterior.npz"
 # Layers of a network.
 LAYERS = 6
-# What is added to the variance of a layer before it is divided by it.
+# Added to a layer's variance before the division by it.
 LEAST_VARIANCE = 1e-5
 
 
@@ -85,11 +85,11 @@ class Mixture(NamedTuple):
     mean : (K, 9) float64 ndarray
     covariance : (K, 9, 9) float64 ndarray
     other_curve : float
-        Probability that the camera's curve is another than the one that was told.
+        Probability that the camera's transfer is not the configured one.
     lamps : float
         Probability that lamps light the image instead of daylight.
     unlike : float
-        Mean square of the statistics, in deviations from those of training: about 1.
+        Mean square of the standardised statistics; about 1 for images like those of training.
     """
 
     weight: Array
@@ -111,9 +111,9 @@ class Network:
     layers : tuple of tuple of float32 ndarray
         Weights and biases of each network, layer by layer.
     most_unlike, most_misfit : float
-        What `Posterior.unlike` and `Posterior.misfit` are for nearly all views of training.
+        Limits of `Posterior.unlike` and `Posterior.misfit`, which nearly all training views keep.
     provenance : str
-        What they were trained on.
+        Training data.
     """
 
     centre: Array
@@ -136,7 +136,7 @@ def features_of(
     of_bins: NDArray[np.float32], of_tiles: NDArray[np.float32], of_channels: NDArray[np.float32],
     of_image: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """What the network sees of each channel: its own statistics, the others' mean, the image's.
+    """Input of the network for each channel: its statistics, the others' mean, the image's.
 
     Takes the arrays of `Statistics`, with any axes before; returns (..., 3, D).
     """
@@ -160,7 +160,7 @@ def unlike(features: Array, seen: Mask) -> float:
 
 
 def standardise(features: NDArray[Any], centre: Array, spread: Array) -> Array:
-    """Features in deviations from those of training."""
+    """Standardise features by mean and deviation of training, and clip them."""
     return np.asarray(np.clip((features - centre) / spread, -MOST_DEVIATIONS, MOST_DEVIATIONS))
 
 
@@ -246,7 +246,7 @@ def quantised(weights: NDArray[np.float32]) -> tuple[NDArray[np.int8], NDArray[n
 
 
 def of_arrays(data: Mapping[str, NDArray[Any]]) -> Network:
-    """Networks of the arrays that training gives; without limits nothing is beyond them."""
+    """Networks from the arrays of training; without limits they are infinite."""
     layers = tuple(
         tuple(array for j in range(LAYERS) for array in (
             data[f"{i}_{j}_weights"] * data[f"{i}_{j}_scale"], data[f"{i}_{j}_bias"]))

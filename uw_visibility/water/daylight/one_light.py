@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One light for veil and scene, as the paper has it (eq. 4-7).
 
-With B = W the dark envelope shows far more than the trained posterior presumes. So the posterior
-is conditioned on B = W, and refined by the likelihood of the dark envelope:
+With B = W the dark envelope has far more information than the trained posterior uses. So the
+posterior is conditioned on B = W, and refined by the likelihood of the dark envelope:
 
     E = B (1 − e^(−βd)) + ρ B e^(−βd),    ρ ≥ 0.
 
@@ -28,31 +28,31 @@ from uw_visibility.water.observations import Envelopes
 
 # Deviation of ln B − ln W.
 ONE_LIGHT = 0.02
-# The networks have seen the dark envelope, too: their posterior counts as if it were wider.
+# Factor that widens the posterior, since the networks use the dark envelope, too.
 WIDENED = 1.4
 # Deviation of the darkest blocks from black, as a part of the direct light, below it and above; and
 # the deviations beyond which residuals lose weight.
 BELOW, ABOVE = 0.01, 0.2
 OUTLIER_BELOW, OUTLIER_ABOVE = 1.0, 0.25
-# A curve that begins above all bins would take them all for outliers: so a second descent begins
-# with β lower by such a part, and the better one counts.
+# A curve that starts above all bins would treat them all as outliers. So a second descent starts
+# with ln β lower by this, and the better one is taken.
 LOWER_START = 0.5
-# Bins show darkness where direct light is so many times the noise. A scene's darkest blocks are
-# from black by this part of their median radiance, with the same deviation, and that at least.
+# Bins show darkness if direct light is so many times the noise. Distance of a scene's darkest
+# blocks from black, as a part of their median radiance, and its least deviation.
 INFORMATIVE = 5.0
 DARKNESS = 0.2
 LEAST_DARKNESS = 0.015
-# Bins whose darkest blocks belong to one object, and so deviate together.
+# Number of bins whose darkest blocks are of one object, with one error.
 BINS_ALIKE = 3.0
 # Deviation of ln B below the bright envelope, which no light is above (eq. 7).
 BEYOND_WHITE = 0.02
-# Deviation of ln β and ln B by what is not in the model: in thick water the fit knows noise alone.
+# Deviation of ln β and ln B by errors of the model; in turbid water the fit has only noise.
 MODEL_ERROR = np.array((0.02, 0.01) * 3)
 ITERATIONS = 60
 LONGEST_STEP = 0.5
 SMALL_STEP = 1e-4
 MOST_DAMPING = 1e9
-# Tolerance that leaves the light's colour to the image.
+# Tolerance that makes the prior of the light's colour negligible.
 NOTHING_EXPECTED = 10.0
 
 
@@ -72,7 +72,7 @@ class Daylight:
     diffuse_attenuation: Array | None
 
     def colour(self, attenuation: Array) -> tuple[Array, float]:
-        """Direction of ln I∞ that neither brightness nor depth changes, (3,), and its value."""
+        """Direction in ln I∞, (3,), without effect of brightness or depth, and its value."""
         rate = attenuation if self.diffuse_attenuation is None else self.diffuse_attenuation
         direction = np.array([rate[2] - rate[1], rate[0] - rate[2], rate[1] - rate[0]])
         direction /= max(float(np.sqrt(direction @ direction)), 1e-9)
@@ -271,7 +271,7 @@ def _covariance(p: Array, envelope: Envelopes, known: Mask, prior: _Prior) -> Ar
     spread = prior.precision.copy()
     common = np.zeros(6)
     _, _, direct = _light(p, envelope)
-    # As uncertain as large: both are the same part of the median radiance.
+    # The standard deviation of darkness equals its mean.
     darkness = LEAST_DARKNESS + scales.darkness[:, 0]
     for c in range(3):
         block = slice(2 * c, 2 * c + 2)

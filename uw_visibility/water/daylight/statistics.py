@@ -41,11 +41,12 @@ HALF_WEIGHT = 20.0
 FLOOR = 0.004
 # Quantile of a channel's irradiance that stands for its brightest, and the least it may be.
 BRIGHTEST, LEAST_BRIGHTEST = 0.995, 0.002
-# Blocks without range above all surfaces, of the smoothest part of the image, may be open water.
+# Blocks without range above all surfaces, in this smoothest part of the image, may be open water.
 SMOOTHEST = 0.3
 FEWEST_OF_WATER = 60
-# ln odds that they are: a constant, by ln of how ragged their lower edge is, by how wide they are.
-# Unmatched ground ends raggedly. Fitted by `python -m uw_visibility_lab.posterior.open_water POOL`.
+# Log odds that they are: a constant, and factors of ln raggedness of their lower edge and of their
+# width. Unmatched ground has a ragged edge. Fitted by `python -m
+# uw_visibility_lab.posterior.open_water POOL`.
 WATER_ODDS = (-7.73, -2.09, 2.78)
 # What is added to raggedness before the logarithm; part of the rows from which a column is open.
 LEAST_RAGGED, LEAST_OPEN = 0.01, 0.05
@@ -116,7 +117,7 @@ class Statistics(NamedTuple):
 
 
 class Appearance(NamedTuple):
-    """What the statistics take from an image alone, whatever its ranges are."""
+    """Parts of the statistics that do not depend on the ranges."""
 
     counted: Mask  # (h, w), blocks that count
     brightest: Array  # (3,), irradiance that stands for the brightest of a channel
@@ -164,9 +165,9 @@ def summarise(
     clear_water : (3,) float64 ndarray
         κ, 1/m.
     appearance : callable, optional
-        Returns `appearance_of` the blocks' light, where it is at hand.
+        Returns `appearance_of` the blocks' light, if computed before.
     known : tuple, optional
-        `known_ranges` of the blocks, where these are at hand.
+        `known_ranges` of the blocks, if computed before.
     """
     near, order = known or known_ranges(blocks)
     if len(order) < FEWEST_BLOCKS:
@@ -302,7 +303,7 @@ def _sum_up(
     relative: Any, place: Any, count: Any, means: Any, off: Any, rows: Any, number: Any,
     coarse: Any,
 ) -> None:
-    """Fill numbers and means of tiles; by bin squares of what is off these, and sums of rows.
+    """Sum up numbers and means of tiles; by bin, squared deviations from these, and rows.
 
     Also the number and squares of contrasts between blocks COARSE_STEP apart along rows, of blocks
     at most one bin apart, by channel and bin.

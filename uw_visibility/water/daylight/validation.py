@@ -15,7 +15,7 @@ from uw_visibility.water.observations import FEWEST_BINS, Envelopes
 MAX_RANGE_ERROR = 0.5
 # Largest fraction of saturated, or black, pixels of a channel.
 MAX_CLIPPED_FRACTION = 0.5
-# Least code values that a channel's bright patches span, and by which they differ from dark ones.
+# Least irradiance of a channel's bright patches, and least difference from dark ones, in codes.
 MIN_CODES = 4.0
 # Attenuation is not assessable if its standard deviation is beyond both.
 MAX_STDDEV = 0.1
