@@ -41,10 +41,10 @@ RANGES = np.geomspace(0.2, 25.0, 30)
 ATTENUATIONS = np.array([0.0, 0.05, 0.1, 0.2, 0.32, 0.48, 0.7, 1.0, 1.5, 2.2])
 # Steps of the integral between two ranges, and before the first.
 SUBSTEPS, FIRST_STEPS = 6, 24
-# Nearer than this to a lamp its glass begins, m; and what counts as no light at all.
+# Least distance from a lamp, where its glass begins, m; least light, for logarithms.
 LEAST_DISTANCE = 0.02
 DARKNESS = 1e-12
-# Cosine of incidence at least.
+# Least cosine of incidence.
 LEAST_COSINE = 0.05
 
 
@@ -167,11 +167,11 @@ def _of_channels(values: Array) -> Table:
     return np.asarray(values, np.float32)[:, np.newaxis, np.newaxis, np.newaxis]
 
 
-# The left camera's place: lamps are told from there.
+# Place of the left camera, the origin of the lamps' frame.
 LEFT_EYE = (0.0, 0.0, 0.0)
 
 
-# Of both cameras, at two sizes.
+# Tables of both cameras, at two sizes.
 @lru_cache(maxsize=4)
 def tabulate(
     rays_at: Callable[[Array, Array], Array], shape: tuple[int, int], lamps: tuple[Lamp, ...],
@@ -231,7 +231,7 @@ def shine(
 def incidence(points: Array, normals: Array, lamp: Lamp, r: Array) -> Array:
     """Cosine of incidence of a lamp's light at points, (N, 3), at distances from it, (N,).
 
-    At least `LEAST_COSINE`: the slope of the ground is not known better.
+    At least `LEAST_COSINE`, since the slope of the ground is uncertain.
     """
     away = points - np.array(lamp.position)
     return np.maximum(-np.einsum("nk,nk->n", away, normals) / r, LEAST_COSINE)
@@ -240,7 +240,7 @@ def incidence(points: Array, normals: Array, lamp: Lamp, r: Array) -> Array:
 def displaced(
     lamps: Sequence[Lamp], position_stddev: float, direction_stddev: float
 ) -> list[list[Lamp]]:
-    """Rigs with one lamp off by a standard deviation, of each coordinate (m) and axis (degrees)."""
+    """Rigs with one lamp off by a standard deviation in one coordinate (m) or axis (degrees)."""
     moved = []
     turn = math.radians(direction_stddev)
     for i, lamp in enumerate(lamps):

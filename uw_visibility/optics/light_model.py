@@ -25,13 +25,13 @@ Array = NDArray[np.float64]
 
 @register_jitable
 def transmission(attenuation: Any, distance: Any) -> Any:
-    """Transmission e^(−βd): the part of light, or of contrast, that is left after a range."""
+    """Transmission e^(−βd): the part of light, or of contrast, that remains after a range."""
     return np.exp(-attenuation * distance)
 
 
 @register_jitable
 def contrast_gain(attenuation: Any, distance: Any) -> Any:
-    """Gain e^(βd) that makes up for the transmission."""
+    """Gain e^(βd) that compensates the transmission."""
     return np.exp(attenuation * distance)
 
 
@@ -39,7 +39,7 @@ def contrast_gain(attenuation: Any, distance: Any) -> Any:
 def veil_of(veil: Any, transmitted: Any) -> Any:
     """Veil B (1 − e^(−βd)) in front of a scene: the irradiance of a black patch (eq. 6).
 
-    `transmitted` may be the part of the transmission that a patch which is not black leaves.
+    For a patch that is not black, `transmitted` is a part of the transmission.
     """
     return veil * (1.0 - transmitted)
 
@@ -67,7 +67,7 @@ class Water(Protocol):
 
 
 def scene_light_of(water: Water) -> Array:
-    """Scene light W of each channel; the ambient light where it is not told apart."""
+    """Scene light W of each channel; the ambient light where there is no separate one."""
     light = getattr(water, "scene_light", None)
     return np.asarray(water.ambient_light if light is None else light, dtype=np.float64)
 
@@ -96,7 +96,7 @@ def attenuate(
     (H, W, 3) float32 ndarray
         NaN where the range is NaN.
     """
-    # Water that does not attenuate, seen to infinity, still ends in ambient light.
+    # At infinity there is ambient light even in water without attenuation.
     rate = np.maximum(np.asarray(attenuation, np.float32), np.float32(1e-12))
     transmitted = transmission(rate, range_map[..., np.newaxis].astype(np.float32))
     ambient = np.asarray(ambient_light, np.float32)
@@ -128,7 +128,7 @@ def ambient_light_at_depth(
 
 
 def visibility_distance(attenuation: float, contrast: float) -> float:
-    """Distance, m, at which a white patch beside a black one is lost (eq. 12).
+    """Distance, m, at which a white patch next to a black one is no longer visible (eq. 12).
 
     Parameters
     ----------

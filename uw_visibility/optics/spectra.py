@@ -132,6 +132,6 @@ def theoretical_chromaticity(
     """
     rate = np.asarray(attenuation, dtype=np.float64)
     below = np.asarray(depth, dtype=np.float64)[..., np.newaxis]
-    # Of the chromaticity, what all channels lose alike is no part.
+    # Attenuation common to the channels does not change the chromaticity.
     light = np.asarray(white_reference, np.float64) * transmission(rate - rate.min(), below)
     return np.asarray(light / light.sum(axis=-1, keepdims=True))

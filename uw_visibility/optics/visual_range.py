@@ -16,12 +16,12 @@ Davies-Colley 1988, doi 10.4319/lo.1988.33.4_part_1.0616; Zaneveld and Pegau 200
 doi 10.1364/OE.11.002997.
 """
 BLACK_DISC_DEVIATION = 0.1
-"""What that is off by over waters and conditions of viewing, as a part (the same source)."""
+"""Its relative standard deviation over waters and viewing conditions (the same source)."""
 
 BEAM_OVER_SEEN = 2.0
 """Beam attenuation over the attenuation that a camera sees, c / β.
 
-Light that is scattered by less than what is seen is not lost to a camera. Of path-traced scenes
+Light that is scattered by small angles is not lost to a camera. Of path-traced scenes
 β / c is 0.49 (0.39 to 0.62; 12 scenes, Henyey and Greenstein's phase functions), 0.56 (0.40 to
 0.72; 13 others) and 0.36 (0.32 to 0.60; 4 with Fournier and Forand's):
 lab/studies/beam_attenuation.md, which names the command.
@@ -34,7 +34,7 @@ SECCHI_DISK_REFLECTANCE = 0.14
 SECCHI_CONTRAST = 0.013
 """Least difference of reflectance that an eye sees at the disk, 1/sr."""
 SECCHI_DEVIATION = 0.18
-"""What `secchi_depth` is off by over 338 measurements, as a part (the same source)."""
+"""Relative deviation of `secchi_depth` over 338 measurements (the same source)."""
 
 
 def black_disc_visibility(beam_attenuation: ArrayLike) -> Array:

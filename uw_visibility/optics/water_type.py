@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Jerlov water types: attenuation of beams and of daylight, for a camera, and what a disk shows."""
+"""Jerlov water types: attenuation of beams and daylight for a camera, and Secchi depth."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ TYPES = ("I", "IA", "IB", "II", "III", "1C", "3C", "5C", "7C", "9C")
 """From the clearest ocean to turbid coasts."""
 
 DIFFUSE_WAVELENGTH = 490.0
-"""At which the field gives Kd, nm."""
+"""Wavelength of the diffuse attenuation Kd in oceanography, nm."""
 SECCHI_WAVELENGTHS = (443.0, 665.0)
-"""Between which a Secchi disk is seen, nm (Lee et al. 2015)."""
+"""Range of wavelengths in which a Secchi disk is seen, nm (Lee et al. 2015)."""
 
 WAVELENGTHS = np.arange(380.0, 781.0, 5.0)
-"""Grid of what is integrated over the visible spectrum, nm."""
+"""Grid for integrals over the visible spectrum, nm."""
 
 # Table of measured properties.
 MEASURED = "jerlov_water_types.csv"
 
 Vector = NDArray[np.float64]
-# Part of what natural particles scatter that goes backwards: mean of Petzold's
-# measurements (1972), in C. D. Mobley, Light and Water, 1994, table 3.10.
+# Part of natural particles' scattering that is backwards: mean of Petzold's measurements (1972), in
+# C. D. Mobley, Light and Water, 1994, table 3.10.
 BACKSCATTERED = 0.0183
-# Part of scattering that a camera does not lose, (c − β) / b, since it stays within what is seen,
-# and its standard deviation: median of 13 path-traced scenes 0.83 (0.72 to 0.92), of 4 with
+# Part of scattering that is not lost to a camera, (c − β) / b, since its angles are small, and its
+# standard deviation: median of 13 path-traced scenes 0.83 (0.72 to 0.92), of 4 with
 # Fournier and Forand's phase functions 0.92 (lab/studies/beam_attenuation.md).
 KEPT, KEPT_DEVIATION = 0.83, 0.1
 
@@ -87,8 +87,8 @@ def seen_attenuation(
 ) -> NDArray[np.float64]:
     """Attenuation of a Jerlov type as a camera sees it, at a depth over a path (m); (3,) 1/m.
 
-    That of the band-averaged transmission over the path, in the daylight that is left at the depth:
-    of red both leave the part that water takes least. Of scattering the part `kept` is not lost.
+    By the band-averaged transmission over the path, in the daylight at the depth: both shift red to
+    wavelengths that water absorbs least. The part `kept` of scattering is not lost.
     """
     absorption, scattering = inherent_properties(name, WAVELENGTHS)
     daylight = np.interp(WAVELENGTHS, *daylight_spectrum())
