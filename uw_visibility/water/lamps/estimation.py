@@ -18,7 +18,7 @@ from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.images.view import View
 from uw_visibility.optics.lamps import LEFT_EYE, LampTables, at_attenuation, tabulate
 from uw_visibility.status import Status
-from uw_visibility.water.blocks import Blocks, reduce_to_blocks
+from uw_visibility.water.blocks import reduce_to_blocks
 from uw_visibility.water.daylight.validation import (
     MAX_CLIPPED_FRACTION,
     refuse_uncertain,
@@ -174,20 +174,21 @@ class LampEstimator(NodeEstimator):
         """
         if view.colour is None:
             return WaterEstimate.not_assessable(Status.NO_COLOUR)
+        if not view.colour.pixels.any():
+            return WaterEstimate.not_assessable(Status.TOO_DARK)
         full = np.asarray(range_map, np.float32)
         blocks = reduce_to_blocks(view.colour, *view.colour.reduce(full, view.valid))
-        reason = _refuse(blocks, view)
-        if reason is not Status.OK:
-            return WaterEstimate.not_assessable(reason)
+        refused = [
+            Status.SATURATED if blocks.clipped[c] > MAX_CLIPPED_FRACTION
+            else Status.TOO_DARK if blocks.black[c] > MAX_CLIPPED_FRACTION else Status.OK
+            for c in range(3)]
+        if Status.OK not in refused:
+            return WaterEstimate.not_assessable(overall_status(refused))
         rows, columns = (
             np.asarray((np.arange(size) + 0.5) * blocks.side - 0.5) for size in blocks.range.shape)
         nodes = reduce_to_nodes(blocks, self._rays(columns, rows), self.tables(view.shape))
         if len(nodes.range) < FEWEST_NODES:
             return WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
-        refused = [
-            Status.SATURATED if blocks.clipped[c] > MAX_CLIPPED_FRACTION
-            else Status.TOO_DARK if blocks.black[c] > MAX_CLIPPED_FRACTION else Status.OK
-            for c in range(3)]
         low, high = np.quantile(nodes.range, RANGE_LIMITS)
         if high < self._config.min_range_ratio * low:
             # Many such frames may tell together what one does not.
@@ -198,18 +199,6 @@ class LampEstimator(NodeEstimator):
         corners = self._rays(np.array([0, last_column]), np.array([0, last_row]))
         ground = GroundView.of(view, full, corners)
         return replace(water, lamps=replace(water.lamps, ground=ground))
-
-
-def _refuse(blocks: Blocks, view: View) -> Status:
-    """Validate a frame: OK, or why no channel is assessable."""
-    assert view.colour is not None
-    if not view.colour.pixels.any():
-        return Status.TOO_DARK
-    if (blocks.clipped > MAX_CLIPPED_FRACTION).all():
-        return Status.SATURATED
-    if (blocks.black > MAX_CLIPPED_FRACTION).all():
-        return Status.TOO_DARK
-    return Status.OK
 
 
 def _joined(
