@@ -44,16 +44,16 @@ from uw_visibility.water.lamps.tracks import GroundView, Sightings
 
 Rays = Callable[[Array, Array], Array]
 
-# Attenuation is at least that of clear water (eq. 3), known to about a tenth.
+# Relative tolerance of clear water's attenuation, the lower bound (eq. 3).
 CLEAR_WATER_TOLERANCE = 0.1
-# What no image can tell, as a part of β: the scale of range, the transfer, a beam's form.
+# Relative error of β from scale of range, transfer and shape of beams.
 MODEL_ERROR = 0.07
-# Square of the distance of tracks from the posterior, in standard deviations of the three
-# channels, beyond which they are not those of one scene: 5 % by chance.
+# Chi squared of tracks against the posterior, for three channels, beyond which they contradict it:
+# 5 % by chance.
 CONTRADICTION = 7.8
-# Standard deviation of the power, as a part of it: white is not always in view.
+# Relative standard deviation of the power: white is not always in view.
 POWER_DEVIATION = 0.15
-# Quantiles of range that are taken for its limits: few ranges beyond are right.
+# Quantiles of range that are taken as its limits: most ranges beyond are wrong.
 RANGE_LIMITS = (0.005, 0.98)
 
 
@@ -68,7 +68,7 @@ class NodeEstimator:
         self._clear_water = np.array(clear_water_attenuation, dtype=np.float64)
 
     def fit_tracks(self, frames: Sequence[Sightings]) -> TrackFit | None:
-        """Fit attenuation to tracked points; None where that fails, or by daylight too."""
+        """Fit attenuation to tracked points; None if that fails, or with daylight, too."""
         return fit_tracks(frames, self._lighting) if self._lighting.model != "both" else None
 
     def estimate_nodes(
@@ -97,7 +97,7 @@ class NodeEstimator:
         if tracks is not None:
             fused = _joined(beta, covariance, tracks)
             if fused is not None:
-                # Tracks tell β by a normal distribution, much narrower than that of one frame.
+                # Tracks give a normal distribution of β, much narrower than that of one frame.
                 (beta, covariance), clearest = fused, None
         beta, covariance = self._above_clear_water(beta, covariance, seen)
         deviation = np.sqrt(np.diag(covariance))
@@ -169,8 +169,8 @@ class LampEstimator(NodeEstimator):
     ) -> WaterEstimate:
         """Estimate attenuation and scattering from a view; see `WaterEstimator.estimate`.
 
-        `range_error` changes nothing here.
-        `ambient_light` of the result is what the water shows at infinity in the image's middle.
+        `range_error` is ignored.
+        `ambient_light` of the result is that of the water at infinity in the image's middle.
         """
         if view.colour is None:
             return WaterEstimate.not_assessable(Status.NO_COLOUR)
@@ -191,7 +191,7 @@ class LampEstimator(NodeEstimator):
             return WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
         low, high = np.quantile(nodes.range, RANGE_LIMITS)
         if high < self._config.min_range_ratio * low:
-            # Many such frames may tell together what one does not.
+            # Many such frames together may be assessable.
             refused = [Status.RANGE_SPREAD_TOO_SMALL] * 3
         water = self.estimate_nodes([nodes], refused)
         assert water.lamps is not None
@@ -216,10 +216,10 @@ def _joined(
 def _raised(
     mean: Array, covariance: Array, c: int, least: float, tolerance: float
 ) -> tuple[Array, Array]:
-    """Truncate one variable of a Gaussian at a least value of a tolerance.
+    """Truncate one variable of a Gaussian at a lower bound with a tolerance.
 
-    Its variance is that of the truncated normal distribution; others follow their covariance with
-    it.
+    Its variance is that of the truncated normal distribution; the others change by their covariance
+    with it.
     """
     stddev = math.sqrt(covariance[c, c] + tolerance**2)
     below = (least - mean[c]) / stddev
