@@ -33,6 +33,7 @@ from uw_visibility.replay.results.provenance import FileHash, Origin
 from uw_visibility.replay.results.recorder import FrameRecorder, frame_topics
 from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.stores import Place
+from uw_visibility.replay.table import Columns, read_table
 from uw_visibility.replay.work import (
     FrameAnswer,
     FramePool,
@@ -297,7 +298,8 @@ class _Replay:
             self._hash.stop()
         if self.summary.complete:
             self._write_rows(self._joiner.finish())
-        self._collect()
+        table = read_table(self._folder.work / TABLE, self._recorder.columns)
+        self._collect(table)
         summary, origin = self.summary, self._origin
         summary.provenance = {
             "version": origin.version, "bag": origin.bag, "input_sha256": self._hash.result(),
@@ -307,16 +309,15 @@ class _Replay:
         }
         self._recorder.close(summary.provenance)
         self._folder.write_state(self._state())
-        self._write_extras()
+        self._write_extras(table)
 
     def _state(self) -> dict[str, Any]:
         return self.summary.state(self._origin) | {"extras": self._options.extras()}
 
-    def _collect(self) -> None:
+    def _collect(self, table: Columns) -> None:
         stream, summary = self._stream, self.summary
         summary.read(
-            self._folder.work / TABLE, self._options.pipeline.assessment.contrast,
-            self._recorder.baselines)
+            table, self._options.pipeline.assessment.contrast, self._recorder.baselines)
         summary.resumed = self._recorder.resumed
         summary.dropped = stream.synchronizer.dropped
         summary.damage = list(dict.fromkeys(self._reader.damage))
@@ -333,17 +334,18 @@ class _Replay:
             summary.damage.append(f"stamps of the images jumped back {times}")
         summary.seconds = time.monotonic() - self._begin
 
-    def _write_extras(self) -> None:
+    def _write_extras(self, table: Columns) -> None:
         from uw_visibility.replay.report.gallery import Gallery
         from uw_visibility.replay.report.report import fit_joins, write_report
         from uw_visibility.replay.report.sentences import assumed
 
         work = self._folder.work
-        write_exports(work, self._recorder.columns, self.summary.provenance, self._options)
-        gallery = Gallery(work, self._reader, self._stream.selection)
+        write_exports(work, table, self._recorder.columns, self.summary.provenance, self._options)
+        gallery = Gallery(work, table, self._reader, self._stream.selection)
         if self.summary.complete:
             gallery.write(self._options, assumed(self.summary))
-        write_report(work, gallery, self.summary, fit_joins(work, self._options.joins))
+        joins = fit_joins(work, table, self._options.joins)
+        write_report(work, table, gallery, self.summary, joins)
 
     def _check_earlier(self) -> None:
         """Refuse to go on with another input or other parameters."""

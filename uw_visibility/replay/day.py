@@ -15,9 +15,9 @@ import numpy as np
 
 from uw_visibility.config.files import gathered, sole_writer
 from uw_visibility.errors import InputError
-from uw_visibility.replay.columns import COLUMNS, TRANSECT, TRANSECT_COLUMN
+from uw_visibility.replay.columns import TRANSECT, TRANSECT_COLUMN
 from uw_visibility.replay.inputs.options import ReplayOptions
-from uw_visibility.replay.report.figures import NEEDED, Columns, draw_series
+from uw_visibility.replay.report.figures import draw_series
 from uw_visibility.replay.report.report import write_page
 from uw_visibility.replay.report.sentences import (
     Frame,
@@ -33,14 +33,20 @@ from uw_visibility.replay.report.sentences import (
     time_span,
     verdict,
 )
-from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_tracks
+from uw_visibility.replay.report.track import draw_tracks
 from uw_visibility.replay.results.exports import write_exports
 from uw_visibility.replay.results.folder import DAY, DAY_MARK, MARK, TABLE, read_state
 from uw_visibility.replay.results.recorder import columns_of
 from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.results.synopsis import Synopsis, apart
 from uw_visibility.replay.stores import Place, child, exists, place, results_here
-from uw_visibility.replay.table import TableWriter, read_rows, read_table, write_dictionary
+from uw_visibility.replay.table import (
+    Columns,
+    TableWriter,
+    read_rows,
+    read_table,
+    write_dictionary,
+)
 
 
 def check_day(folder: Place, *, again: bool) -> None:
@@ -83,12 +89,13 @@ def write_day(
     ):
         failed = [summary for summary in summaries if summary not in results]
         results = [replace(summary, output=str(folder / summary.name)) for summary in results]
-        _write_table(work, results, options)
-        write_index(work, folder.resolve().name, results, failed)
+        table = _write_table(work, results, options)
+        write_index(work, folder.resolve().name, table, results, failed)
         _write_mark(work / DAY_MARK, summaries)
 
 
-def _write_table(work: Path, results: Sequence[Summary], options: ReplayOptions) -> None:
+def _write_table(work: Path, results: Sequence[Summary], options: ReplayOptions) -> Columns:
+    """Write the rows of all results as one table; returns it."""
     columns = {TRANSECT: TRANSECT_COLUMN, **columns_of(options)}
     table = work / TABLE
     writer = TableWriter(table, tuple(columns))
@@ -97,8 +104,11 @@ def _write_table(work: Path, results: Sequence[Summary], options: ReplayOptions)
             writer.write({TRANSECT: summary.name, **row})
     writer.close()
     write_dictionary(table, columns)
+    found = read_table(table, columns)
     write_exports(
-        work, columns, _provenance(results), options, [summary.name for summary in results])
+        work, found, columns, _provenance(results), options,
+        [summary.name for summary in results])
+    return found
 
 
 def _provenance(results: Sequence[Summary]) -> dict[str, Any]:
@@ -127,22 +137,19 @@ def _write_mark(path: Path, summaries: Sequence[Summary]) -> None:
 
 
 def write_index(
-    folder: Path, title: str, results: Sequence[Summary], failed: Sequence[Summary]
+    folder: Path, title: str, columns: Columns, results: Sequence[Summary],
+    failed: Sequence[Summary],
 ) -> None:
     """Write the page over several results, in the order of time, and recordings without one.
 
-    folder: has their table, and the page afterwards.
+    columns: their table.
     """
     synopses = {summary.name: summary.synopsis for summary in results if summary.synopsis}
     contrast = next(iter(synopses.values())).contrast
     all_of_them = Summary(title, str(folder), provenance=results[0].provenance)
     all_of_them.read(
-        folder / TABLE, contrast, {base for each in synopses.values() for base in each.baselines},
-        {TRANSECT: TRANSECT_COLUMN, **COLUMNS})
-    columns = read_table(folder / TABLE, {
-        TRANSECT: TRANSECT_COLUMN,
-        **{name: COLUMNS[name] for name in (*NEEDED, *TRACK_COLUMNS)}})
-    names = columns.pop(TRANSECT)
+        columns, contrast, {base for each in synopses.values() for base in each.baselines})
+    names = columns[TRANSECT]
     recordings = {
         each: {name: values[names == each] for name, values in columns.items()}
         for each in synopses}

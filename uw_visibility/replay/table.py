@@ -11,7 +11,8 @@ import csv
 import json
 import sys
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,20 @@ from numpy.typing import NDArray
 from uw_visibility.errors import cell, refusing, uncell
 from uw_visibility.replay.columns import TRANSECT, Column
 
+Columns = Mapping[str, NDArray]
+"""Columns of a table by name, as `read_table` returns them."""
+
 SUFFIX = "-metadata.json"
 """Where CSV on the Web looks for the dictionary of a table: behind its name."""
 
 _DATATYPES = {"integer": "integer", "number": "double", "datetime": "dateTime"}
+# Codes of `array`.
+_CODES = {"integer": "d", "number": "d", "datetime": "q"}
+_PARSERS: defaultdict[str, Callable[[str], Any]] = defaultdict(
+    # Most texts of a column are one of a few words.
+    lambda: sys.intern,
+    integer=lambda text: float(text or "nan"), number=lambda text: float(text or "nan"),
+    datetime=lambda text: int(np.datetime64(text.removesuffix("Z"), "ns").astype(np.int64)))
 
 
 class TableWriter:
@@ -62,22 +73,18 @@ def read_rows(path: Path) -> Iterator[dict[str, str]]:
 def read_table(path: Path, columns: Mapping[str, Column]) -> dict[str, NDArray]:
     """Read columns of a table.
 
-    Returns dict of str to (n,), float64 for numbers, NaN where they are not known; object (str) for
-    texts.
+    Returns dict of str to (n,): float64 for numbers, NaN where they are not known; int64, ns since
+    1970, for times of the kind "datetime"; object (str) for texts.
     """
-    found: dict[str, array[float] | list[str]] = {
-        name: array("d") if column.kind in ("integer", "number") else []
+    found: dict[str, Any] = {
+        name: array(_CODES[column.kind]) if column.kind in _CODES else []
         for name, column in columns.items()
     }
     for row in read_rows(path):
         for name, values in found.items():
-            if isinstance(values, list):
-                # Most texts of a column are one of a few words.
-                values.append(sys.intern(row[name]))
-            else:
-                values.append(float(row[name] or "nan"))
+            values.append(_PARSERS[columns[name].kind](row[name]))
     return {
-        name: np.array(values, object if isinstance(values, list) else np.float64)
+        name: np.array(values, object) if isinstance(values, list) else np.array(values)
         for name, values in found.items()
     }
 

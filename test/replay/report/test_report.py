@@ -21,16 +21,16 @@ from numpy.typing import NDArray
 from uw_visibility.compute.jit import counts
 from uw_visibility.replay import progress
 from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.columns import COLUMNS, Column
 from uw_visibility.replay.inputs.sensors import ScalarTopic
-from uw_visibility.replay.report.figures import MOST_POINTS, NEEDED, draw_series
+from uw_visibility.replay.report.figures import MOST_POINTS, draw_series
 from uw_visibility.replay.report.meaning import MEANINGS, REMEDIES, meaning
 from uw_visibility.replay.report.report import fit_joins
 from uw_visibility.replay.report.track import (
-    TRACK_COLUMNS,
     draw_tracks,
     round_length,
 )
-from uw_visibility.replay.table import read_rows
+from uw_visibility.replay.table import read_rows, read_table
 from uw_visibility.status import Status
 from uw_visibility.water.meaning import assessment
 from uw_visibility_lab.simulation.bag import write_transect
@@ -259,12 +259,12 @@ def test_frames_that_are_all_unusable_are_exit_code_1_with_the_reason(
 
 @pytest.mark.parametrize("count", [1, 50, MOST_POINTS + 1])
 def test_the_series_is_drawn_whatever_is_known(count: int) -> None:
-    columns = {name: np.full(count, np.nan) for name in NEEDED}
+    columns = {name: np.full(count, np.nan) for name in COLUMNS}
     columns["stamp"] = 1.7e9 + np.arange(count)
     drawn = draw_series(columns)
     assert [each.title.partition(" ")[0] for each in drawn] == ["Visibility", "Mean", "Depth"]
     assert all("not assessable</text>" in each.drawing for each in drawn)
-    columns |= {name: np.linspace(1.0, 2.0, count) for name in NEEDED if name != "stamp"}
+    columns |= {name: np.linspace(1.0, 2.0, count) for name in COLUMNS if name != "stamp"}
     drawn = draw_series(columns)
     assert len(drawn) == 4
     assert "not assessable" not in "".join(each.drawing for each in drawn)
@@ -314,7 +314,7 @@ def test_long_compiling_is_told(
 
 
 def test_the_track_is_drawn_where_there_are_positions(replayed: Path) -> None:
-    columns = {name: np.full(5, np.nan) for name in TRACK_COLUMNS}
+    columns = {name: np.full(5, np.nan) for name in COLUMNS}
     assert draw_tracks({"": columns}) == []
     assert 'id="map"' not in Page(replayed / "report.html").text
     # Some frames were not assessed, and one has no position; one stands still.
@@ -337,7 +337,7 @@ def test_the_track_is_drawn_where_there_are_positions(replayed: Path) -> None:
 def test_labels_on_a_map_do_not_lie_on_one_another() -> None:
     """Recordings of a day often begin at one mooring, and their ends are near on its map."""
     def leg(x: float, length: float) -> dict[str, np.ndarray]:
-        columns = {name: np.full(4, np.nan) for name in TRACK_COLUMNS}
+        columns = {name: np.full(4, np.nan) for name in COLUMNS}
         return columns | {"x": np.linspace(x, x + length, 4), "y": np.zeros(4)}
 
     drawn = draw_tracks({
@@ -349,7 +349,7 @@ def test_labels_on_a_map_do_not_lie_on_one_another() -> None:
 
 
 def test_a_track_across_the_date_line_is_short() -> None:
-    columns = {name: np.full(4, np.nan) for name in TRACK_COLUMNS}
+    columns = {name: np.full(4, np.nan) for name in COLUMNS}
     columns["latitude"] = np.full(4, 10.0)
     columns["longitude"] = np.array([179.996, 179.999, -179.998, -179.995])
     columns["visibility_distance"] = np.full(4, 5.0)
@@ -361,13 +361,13 @@ def test_a_track_across_the_date_line_is_short() -> None:
 
 
 def test_a_track_at_the_pole_has_a_map() -> None:
-    columns = {name: np.full(3, np.nan) for name in TRACK_COLUMNS}
+    columns = {name: np.full(3, np.nan) for name in COLUMNS}
     columns["latitude"], columns["longitude"] = np.full(3, 90.0), np.array([0.0, 120.0, -120.0])
     assert "longitude [°]" in draw_tracks({"": columns})[0]
 
 
 def test_no_axis_goes_above_the_surface() -> None:
-    columns = {name: np.full(9, np.nan) for name in NEEDED}
+    columns = {name: np.full(9, np.nan) for name in COLUMNS}
     columns["stamp"] = 1.7e9 + np.arange(9)
     columns["depth"], columns["depth_stddev"] = np.full(9, 1.3), np.full(9, 2.0)
     drawn = draw_series(columns)[2].drawing
@@ -376,7 +376,7 @@ def test_no_axis_goes_above_the_surface() -> None:
 
 
 def test_the_band_of_the_filtered_values_is_within_the_axis() -> None:
-    columns = {name: np.full(9, np.nan) for name in NEEDED}
+    columns = {name: np.full(9, np.nan) for name in COLUMNS}
     columns["stamp"], columns["frame"] = 1.7e9 + np.arange(9), np.arange(9.0)
     columns["filtered_visibility_distance"] = np.full(9, 4.0)
     columns["filtered_visibility_distance_stddev"] = np.full(9, 2.5)
@@ -385,7 +385,7 @@ def test_the_band_of_the_filtered_values_is_within_the_axis() -> None:
 
 
 def test_a_figure_shows_clock_time_and_values_to_point_at() -> None:
-    columns = {name: np.full(9, np.nan) for name in NEEDED}
+    columns = {name: np.full(9, np.nan) for name in COLUMNS}
     columns["stamp"], columns["frame"] = 1.7e9 + 60.0 * np.arange(9), np.arange(9.0)
     columns["visibility_distance"] = np.linspace(5.0, 9.0, 9)
     columns["visibility_distance_stddev"] = np.full(9, 0.5)
@@ -405,6 +405,11 @@ def test_a_figure_shows_clock_time_and_values_to_point_at() -> None:
     assert set(used) <= set(names)
 
 
+def joined(name: str) -> dict[str, Column]:
+    names = ("stamp", "beam_attenuation", "beam_attenuation_stddev", name)
+    return dict.fromkeys(names, COLUMNS["depth"])
+
+
 @pytest.mark.parametrize("stddev, left", [
     (0.05, "is within the standard deviations"), (1e-4, "is 0.01 beyond the standard deviations"),
 ])
@@ -416,7 +421,8 @@ def test_what_a_fit_leaves_is_told_beside_what_the_estimates_may_be_off_by(
         f"{k},{0.1 + 0.02 * k},{stddev},{0.1 + 0.02 * k + 0.01 * (-1) ** k}" for k in range(20)]
     (tmp_path / "frames.csv").write_text("\n".join(
         ["stamp,beam_attenuation,beam_attenuation_stddev,joined_c", *lines]))
-    (section,) = fit_joins(tmp_path, [ScalarTopic("/c")])
+    table = read_table(tmp_path / "frames.csv", joined("joined_c"))
+    (section,) = fit_joins(tmp_path, table, [ScalarTopic("/c")])
     assert left in section["text"]
     assert "scatter 0" not in section["text"]
 
@@ -426,7 +432,8 @@ def test_what_falls_with_attenuation_is_drawn_with_its_deviations(tmp_path: Path
     lines = [f"{k},{0.1 + 0.02 * k},0.02,{90.0 - 20.0 * (0.1 + 0.02 * k)}" for k in range(20)]
     (tmp_path / "frames.csv").write_text("\n".join(
         ["stamp,beam_attenuation,beam_attenuation_stddev,joined_t", *lines]))
-    (section,) = fit_joins(tmp_path, [ScalarTopic("/t")])
+    table = read_table(tmp_path / "frames.csv", joined("joined_t"))
+    (section,) = fit_joins(tmp_path, table, [ScalarTopic("/t")])
     assert "+ (-20 ± " in section["text"]
     assert "Slope -20, intercept 90." in section["figure"]
 
@@ -437,12 +444,12 @@ def test_a_scale_bar_has_a_round_length(longest: float, length: float) -> None:
 
 
 def test_a_recording_may_be_called_anything() -> None:
-    columns = {name: np.arange(3.0) for name in TRACK_COLUMNS}
+    columns = {name: np.arange(3.0) for name in COLUMNS}
     name = "<b> $x_{ \x1b[31m"
     drawn = draw_tracks({name: columns, "other": columns})[0]
     assert "&lt;b&gt; $x_{ " in drawn
     assert "\x1b" not in drawn
-    series = {column: np.arange(3.0) for column in NEEDED} | {"recording": np.zeros(3)}
+    series = {column: np.arange(3.0) for column in COLUMNS} | {"recording": np.zeros(3)}
     drawn = draw_series(series, [name])[0].drawing
     assert "<title>&lt;b&gt; $x_{ " in drawn
     assert "\x1b" not in drawn

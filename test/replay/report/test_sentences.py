@@ -18,11 +18,13 @@ from frame_records import frame_estimate, frame_record, write_table
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.optics.light_model import visibility_distance
+from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.records import JoinedFrame
-from uw_visibility.replay.report.report import QUANTITY_COLUMNS, quantities
+from uw_visibility.replay.report.report import quantities
 from uw_visibility.replay.report.sentences import definition, number, rounded, verdict
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.summary import Summary
+from uw_visibility.replay.table import read_table
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Visibility
@@ -71,7 +73,8 @@ def told(*frames: JoinedFrame, contrast: float = 0.05) -> tuple[list[str], Summa
     summary = Summary("bag", "out")
     baselines = {frame.record.estimate.rig.baseline for frame in frames if frame.record.estimate}
     with tempfile.TemporaryDirectory() as folder:
-        summary.read(write_table(Path(folder), frames), contrast, baselines)
+        summary.read(
+            read_table(write_table(Path(folder), frames), COLUMNS), contrast, baselines)
     return ["".join(map(str, parts)) for parts in verdict(summary)], summary
 
 
@@ -110,7 +113,7 @@ def test_the_black_disc_and_the_distance_of_the_paper_stand_side_by_side() -> No
     assert ("; visibility distance 10 m (8 to 12): 2.35/β of green, the clearest channel; Secchi "
             "depth 7 m (6 to 9): depth at which a white disk is lost from above" in sentences[1])
     assert sentences[1].endswith(" In brackets: 16th to 84th percentile, of the median frame.")
-    columns = {name: np.full(3, math.nan) for name in QUANTITY_COLUMNS}
+    columns = {name: np.full(3, math.nan) for name in COLUMNS}
     rows = quantities(columns, summary, "2.35/β")
     assert [row["value"] for row in rows] == [
         "8.0 m (7.2 to 8.8)", "10 m (8 to 12)", "7 m (6 to 9)"]
@@ -214,7 +217,7 @@ def test_times_of_a_clock_that_was_not_set_are_not_those_of_the_day(
 def test_numbers_say_in_how_many_frames_they_are_known() -> None:
     """A depth of a single frame of many is not that of the recording."""
     nan = math.nan
-    columns = {name: np.full(12, nan) for name in QUANTITY_COLUMNS}
+    columns = {name: np.full(12, nan) for name in COLUMNS}
     columns["depth"][3], columns["depth_stddev"][3] = 2.0, 0.5
     columns["mean_attenuation"][:5], columns["mean_attenuation_stddev"][:5] = 0.3, 0.1
     _, summary = told(seen(0, 6.0), seen(1, nan, status=Status.TOO_DARK), seen(2, 6.0))

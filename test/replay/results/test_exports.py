@@ -25,7 +25,7 @@ from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.columns import COLUMNS, FAILED
 from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.results.exports import write_netcdf
-from uw_visibility.replay.table import SUFFIX, TableWriter, read_rows
+from uw_visibility.replay.table import SUFFIX, TableWriter, read_rows, read_table
 from uw_visibility.status import Status
 
 LAST_FIX = FRAMES - 2
@@ -241,7 +241,8 @@ def test_a_long_table_takes_little_memory(exported: Path, tmp_path: Path) -> Non
     provenance = {"bag": "long", "version": "0", "parameters": {}, "input_sha256": "0"}
     tracemalloc.start()
     write_netcdf(
-        tmp_path / "frames.nc", tmp_path / "frames.csv", COLUMNS, provenance, np.full(3, 500.0))
+        tmp_path / "frames.nc", read_table(tmp_path / "frames.csv", COLUMNS), COLUMNS, provenance,
+        np.full(3, 500.0))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # A row as text takes some 15 kB.

@@ -18,7 +18,9 @@ from scipy.special import chdtri
 
 from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.errors import InputError
+from uw_visibility.messages.stamps import iso_time
 from uw_visibility.plausibility.comparison import Comparison, DepthSample, Verdict
+from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.inputs.sensors import (
     Position,
     geographic,
@@ -26,8 +28,9 @@ from uw_visibility.replay.inputs.sensors import (
 )
 from uw_visibility.replay.inputs.stream import Restart, SensorValue
 from uw_visibility.replay.records import FrameRecord, JoinedFrame
-from uw_visibility.replay.results.exports import PROPERTIES, write_geojson
+from uw_visibility.replay.results.exports import write_geojson
 from uw_visibility.replay.results.joining import Joiner
+from uw_visibility.replay.table import TableWriter, read_table
 from uw_visibility.status import Status
 
 CONFIG = PlausibilityConfig(sensor_type="Float64", model_stddev=0.3, max_gate=3.0)
@@ -193,13 +196,16 @@ def test_longitudes_from_0_to_360_are_those_of_wgs_84() -> None:
 
 
 def test_geojson_has_a_point_for_each_frame_with_a_position(tmp_path: Path) -> None:
-    columns = {**dict.fromkeys((*PROPERTIES, "stamp", "longitude", "latitude"), ""), "frame": "7"}
-    rows = [
-        {**columns, "longitude": "10.5", "latitude": "60.25", "status": "ok", "depth": "3.5"},
-        {**columns, "status": "ok"},
-        {**columns, "longitude": "10.6", "latitude": "60.25", "status": "saturated"},
-    ]
-    write_geojson(tmp_path / "f.geojson", iter(rows))
+    writer = TableWriter(tmp_path / "frames.csv", tuple(COLUMNS))
+    columns = {"frame": 7, "datetime": iso_time(0)}
+    for row in (
+        {"longitude": "10.5", "latitude": "60.25", "status": "ok", "depth": "3.5"},
+        {"status": "ok"},
+        {"longitude": "10.6", "latitude": "60.25", "status": "saturated"},
+    ):
+        writer.write({**columns, **row})
+    writer.close()
+    write_geojson(tmp_path / "f.geojson", read_table(tmp_path / "frames.csv", COLUMNS))
     features = json.loads((tmp_path / "f.geojson").read_text())["features"]
     assert [f["geometry"]["coordinates"] for f in features] == [[10.5, 60.25], [10.6, 60.25]]
     assert features[0]["properties"]["depth"] == 3.5

@@ -13,9 +13,10 @@ from typing import Any
 from frame_records import frame_estimate, frame_record, write_table
 
 from uw_visibility.plausibility.comparison import Verdict
+from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.records import MOST_REASONS, JoinedFrame
 from uw_visibility.replay.results.refusals import MOST_RUNS, refusals
-from uw_visibility.replay.table import read_rows
+from uw_visibility.replay.table import read_table
 from uw_visibility.status import Status
 
 OK, DARK = Status.OK, Status.TOO_DARK
@@ -40,7 +41,8 @@ def failed(number: int, reason: str) -> JoinedFrame:
 def told(*frames: JoinedFrame) -> list[tuple[str, str, int, str]]:
     with tempfile.TemporaryDirectory() as folder:
         return [
-            astuple(each) for each in refusals(read_rows(write_table(Path(folder), frames)))]
+            astuple(each)
+            for each in refusals(read_table(write_table(Path(folder), frames), COLUMNS))]
 
 
 def test_each_quantity_has_its_frames_and_reasons() -> None:

@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 from frame_records import frame_estimate, frame_record, write_table
 
+from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.summary import Summary
+from uw_visibility.replay.table import read_table
 from uw_visibility.water.series.filter import FilteredWater
 from uw_visibility.water.series.survey import SurveyEstimate
 from uw_visibility.water.series.tracking import TrackingEvent
@@ -32,7 +34,7 @@ def surveyed(frames: int, low: float, high: float) -> JoinedFrame:
 
 def counted(folder: Path, *frames: JoinedFrame) -> Summary:
     summary = Summary("bag", "out", provenance={"told": []})
-    summary.read(write_table(folder, frames), 0.05, ())
+    summary.read(read_table(write_table(folder, frames), COLUMNS), 0.05, ())
     return summary
 
 

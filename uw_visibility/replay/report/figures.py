@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import matplotlib.dates
@@ -26,8 +26,7 @@ from uw_visibility.replay.report.svg import (
     Spot,
     draw,
 )
-
-Columns = Mapping[str, Array]
+from uw_visibility.replay.table import Columns
 
 HEIGHT = 2.3
 # Neighbouring frames are drawn as one point where there are more.
@@ -62,11 +61,6 @@ QUANTITIES = (
     Quantity("mean_attenuation", "Mean attenuation α, beyond that of clear sea water", "α", "1/m"),
     Quantity("depth", "Depth by the colour of daylight", "depth", "m"),
 )
-NEEDED = (
-    "frame", "stamp", "sensor_depth", "nis",
-    *(f"{prefix}{quantity.name}{end}" for quantity in QUANTITIES
-      for prefix in ("", "filtered_") for end in ("", "_stddev")),
-)
 
 
 class Series(NamedTuple):
@@ -83,16 +77,15 @@ class Series(NamedTuple):
 def draw_series(columns: Columns, recordings: Sequence[str] = ()) -> list[Series]:
     """Draw the estimates over time.
 
-    columns: mapping of str to (n,) float64, those of `NEEDED`; NaN for what is not known. With
-        `recordings`, ``recording`` too: the place there of each frame's.
+    columns: those of the table. With `recordings`, ``recording`` too: the place there of each
+        frame's.
     recordings: names, where the frames are of several.
     Returns one for each quantity; nothing without frames.
     """
     if not len(columns["stamp"]):
         return []
-    needed = (*NEEDED, "recording") if recordings else NEEDED
     together = neighbours(len(columns["stamp"]))
-    thinned = thin({name: columns[name] for name in needed})
+    thinned = thin(columns)
     time = thinned["stamp"] / DAY
     found = [
         (quantity.title, draw(
@@ -119,13 +112,15 @@ def neighbours(count: int) -> int:
 
 
 def thin(columns: Columns) -> dict[str, Array]:
-    """Reduce columns to `MOST_POINTS` rows at most: medians of neighbouring frames."""
+    """Reduce columns of numbers to `MOST_POINTS` rows at most: medians of neighbouring frames."""
     count = len(columns["stamp"])
     together = neighbours(count)
     if together == 1:
         return dict(columns)
     found = {}
     for name, values in columns.items():
+        if values.dtype != np.float64:
+            continue
         padded = np.full(-(-count // together) * together, np.nan)
         padded[:count] = values
         groups = np.sort(padded.reshape(-1, together), axis=1)

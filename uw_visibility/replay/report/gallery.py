@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Image8
+from uw_visibility.images.arrays import Array, Image8
 from uw_visibility.images.files import write_png
 from uw_visibility.images.overview import (
     colour_ends,
@@ -25,14 +25,14 @@ from uw_visibility.images.overview import (
 )
 from uw_visibility.messages.frames import read_pixels
 from uw_visibility.messages.images import read_disparity
-from uw_visibility.messages.stamps import header_stamp, nanoseconds
+from uw_visibility.messages.stamps import header_stamp
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.topics import Selection
 from uw_visibility.replay.report.sentences import clock, headline
 from uw_visibility.replay.results.mcap import NAME
-from uw_visibility.replay.table import read_rows, read_table
+from uw_visibility.replay.table import Columns
 from uw_visibility.stereo.rig import DISPARITY_STDDEV
 
 # Frames from which the colour scale is chosen.
@@ -85,9 +85,10 @@ def gradient() -> str:
 
 
 class Picture(NamedTuple):
-    """A frame's images, RGB uint8 (H, W, 3) each, and its row of the table."""
+    """A frame's number, caption, and images, RGB uint8 (H, W, 3) each."""
 
-    row: dict[str, str]
+    frame: int
+    caption: str
     raw: Image8
     enhanced: Image8
     disparity: NDArray[np.uint8]
@@ -105,56 +106,46 @@ class Picture(NamedTuple):
         factor = height / self.raw.shape[0]
         raw = self.raw if factor == 1.0 else _fit(self.raw, round(self.raw.shape[1] * factor))
         ends = scale and tuple(d / scale.focal_baseline for d in scale[:2])
-        return side_by_side(raw, self.enhanced, self.disparity, ends, [self.words(), assumed])
-
-    def words(self) -> str:
-        """Say which frame it is, and how far one sees or why that is not known, in one line."""
-        row, name = self.row, "visibility_distance"
-        low, middle, high = (row[f"{name}_low"], row[name], row[f"{name}_high"])
-        if low and middle and high:
-            told = headline({name: [float(v) for v in (low, middle, high)]}, "")[0]
-            text = f"{told.title} {told.value}"
-        else:
-            why = COLUMNS["visibility_status"].meaning(row["visibility_status"])
-            text = f"visibility distance: {why}"
-        return f"frame {row['frame']}, {clock(nanoseconds(row['stamp']))}: {text}"
+        return side_by_side(raw, self.enhanced, self.disparity, ends, [self.caption, assumed])
 
 
 class Gallery:
     """Pictures of a result's frames, from its folder and, raw ones, from the recording.
 
+    table: of the result, as `read_table` returns it.
     scale: of the disparities of all pictures; None where nothing matched, and all are black. It is
         chosen from evenly spaced frames, and does not depend on which pictures are wanted.
     """
 
-    def __init__(self, folder: Path, reader: BagReader, selection: Selection) -> None:
-        self._folder, self._reader, self._raw_topic = folder, reader, selection.left
-        rows = [
-            (nanoseconds(row["time"]), nanoseconds(row["stamp"]))
-            for row in read_rows(folder / "frames.csv") if not row["reason"]
-        ]
-        chosen = {
-            round(index) for index in np.linspace(0, len(rows) - 1, min(SCALE_FRAMES, len(rows)))
-        }
+    def __init__(
+        self, folder: Path, table: Columns, reader: BagReader, selection: Selection
+    ) -> None:
+        self._folder, self._table = folder, table
+        self._reader, self._raw_topic = reader, selection.left
+        self._rows = np.flatnonzero(table["reason"] == "").tolist()
+        count = len(self._rows)
+        chosen = {round(index) for index in np.linspace(0, count - 1, min(SCALE_FRAMES, count))}
         with BagReader(folder / NAME) as results:
-            found = (_at(results, DISPARITY_TOPIC, *rows[index]) for index in sorted(chosen))
+            found = (
+                self._at(results, DISPARITY_TOPIC, self._rows[index]) for index in sorted(chosen))
             self.scale = ColourScale.of(message for message in found if message is not None)
 
-    def pictures(self, frames: Collection[str] | None = None) -> Iterator[Picture]:
+    def pictures(self, frames: Collection[int] | None = None) -> Iterator[Picture]:
         """Yield pictures of the frames of these numbers, or of all, in order; only of results."""
         with BagReader(self._folder / NAME) as results:
-            for row in read_rows(self._folder / "frames.csv"):
-                if row["reason"] or (frames is not None and row["frame"] not in frames):
+            for row in self._rows:
+                frame = int(self._table["frame"][row])
+                if frames is not None and frame not in frames:
                     continue
-                time, stamp = nanoseconds(row["time"]), nanoseconds(row["stamp"])
-                enhanced = _at(results, LEFT_TOPIC, time, stamp)
-                disparity = _at(results, DISPARITY_TOPIC, time, stamp)
-                raw = _at(self._reader, self._raw_topic, time, stamp)
+                enhanced = self._at(results, LEFT_TOPIC, row)
+                disparity = self._at(results, DISPARITY_TOPIC, row)
+                raw = self._at(self._reader, self._raw_topic, row)
                 if enhanced is None or disparity is None or raw is None:
                     continue
                 after = shown(read_pixels(enhanced, "image")[0])
                 drawn = np.zeros_like(after) if self.scale is None else self.scale.draw(disparity)
-                yield Picture(row, shown(read_pixels(raw, "image")[0]), after, drawn)
+                before = shown(read_pixels(raw, "image")[0])
+                yield Picture(frame, self._caption(row), before, after, drawn)
 
     def write(self, options: ReplayOptions, assumed: str) -> None:
         """Write ``images/`` and ``video.mp4``, where they are wanted; `assumed` stands in them.
@@ -163,17 +154,40 @@ class Gallery:
         """
         folder = self._folder
         if options.images:
-            chosen = [r["frame"] for r in read_rows(folder / "frames.csv")][:: options.images]
             (folder / "images").mkdir(exist_ok=True)
-            for picture in self.pictures(set(chosen)):
-                name = f"frame_{int(picture.row['frame']):06d}.png"
+            for picture in self.pictures(set(self._table["frame"][:: options.images])):
+                name = f"frame_{picture.frame:06d}.png"
                 write_png(folder / "images" / name, picture.side_by_side(self.scale, assumed))
         if options.video:
-            _write_video(folder, (p.side_by_side(self.scale, assumed) for p in self.pictures()))
+            frames = (picture.side_by_side(self.scale, assumed) for picture in self.pictures())
+            _write_video(folder / "video.mp4", frames, np.diff(self._table["stamp"]))
+
+    def _at(self, reader: BagReader, topic: str, row: int) -> Any:
+        """Return the message of a topic that belongs to a row's frame."""
+        # A number holds a time in s to a quarter of a microsecond.
+        time = round(1e9 * self._table["time"][row])
+        for message in reader.messages([topic], time - 1000, time + 1000):
+            stamp = header_stamp(message.data, ros1=reader.ros1)
+            if stamp == self._table["datetime"][row]:
+                return reader.deserialize(message)
+        return None
+
+    def _caption(self, row: int) -> str:
+        """Say which frame it is, and how far one sees or why that is not known, in one line."""
+        name = "visibility_distance"
+        typical = [float(self._table[f"{name}{end}"][row]) for end in ("_low", "", "_high")]
+        if np.isfinite(typical).all():
+            told = headline({name: typical}, "")[0]
+            text = f"{told.title} {told.value}"
+        else:
+            why = COLUMNS["visibility_status"].meaning(self._table["visibility_status"][row])
+            text = f"visibility distance: {why}"
+        moment = clock(int(self._table["datetime"][row]))
+        return f"frame {self._table['frame'][row]:.0f}, {moment}: {text}"
 
 
-def _write_video(folder: Path, frames: Iterator[Image8]) -> None:
-    steps = np.diff(read_table(folder / "frames.csv", {"stamp": COLUMNS["stamp"]})["stamp"])
+def _write_video(path: Path, frames: Iterator[Image8], steps: Array) -> None:
+    """Write pictures as a video at the median rate of the frames, `steps` apart in s."""
     steps = steps[steps > 0.0]
     rate = float(np.clip(1.0 / np.median(steps), 0.5, 60.0)) if steps.size else 5.0
     writer: Any = None
@@ -183,20 +197,12 @@ def _write_video(folder: Path, frames: Iterator[Image8]) -> None:
             width = min(image.shape[1], LARGEST_VIDEO_WIDTH) // 2 * 2
             size = (width, round(image.shape[0] * width / image.shape[1]) // 2 * 2)
             code = cv2.VideoWriter.fourcc(*"mp4v")
-            writer = cv2.VideoWriter(str(folder / "video.mp4"), code, rate, size)
+            writer = cv2.VideoWriter(str(path), code, rate, size)
             if not writer.isOpened():
                 raise InputError("this OpenCV cannot write mp4: leave out --video")
         writer.write(cv2.cvtColor(cv2.resize(image, size), cv2.COLOR_RGB2BGR))
     if writer is not None:
         writer.release()
-
-
-def _at(reader: BagReader, topic: str, time: int, stamp: int) -> Any:
-    """Return the message of a topic that was received at a time and has a stamp."""
-    for message in reader.messages([topic], time, time + 1):
-        if header_stamp(message.data, ros1=reader.ros1) == stamp:
-            return reader.deserialize(message)
-    return None
 
 
 def _fit(image: Image8, width: int) -> NDArray[np.uint8]:

@@ -20,11 +20,11 @@ from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import LONGEST_MESSAGE, printable
 from uw_visibility.images.arrays import Array, Image8
 from uw_visibility.optics.visual_range import BEAM_OVER_SEEN, BEAM_OVER_SEEN_DEVIATION
-from uw_visibility.replay.columns import COLUMNS, Column
+from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.inputs.sensors import ScalarTopic
 from uw_visibility.replay.line_fit import FEWEST, LineFit, fit_line
 from uw_visibility.replay.report import figures
-from uw_visibility.replay.report.figures import NEEDED, Columns, draw_series
+from uw_visibility.replay.report.figures import draw_series
 from uw_visibility.replay.report.gallery import Gallery, gradient, preview
 from uw_visibility.replay.report.meaning import meaning
 from uw_visibility.replay.report.sentences import (
@@ -38,7 +38,7 @@ from uw_visibility.replay.report.sentences import (
     verdict,
 )
 from uw_visibility.replay.report.svg import ESTIMATE, FILTERED, RULE, Spot, draw, variables
-from uw_visibility.replay.report.track import TRACK_COLUMNS, draw_tracks
+from uw_visibility.replay.report.track import draw_tracks
 from uw_visibility.replay.results.refusals import (
     OTHER_CHANNELS,
     STATUS_COLUMNS,
@@ -46,7 +46,7 @@ from uw_visibility.replay.results.refusals import (
     Refusal,
 )
 from uw_visibility.replay.results.summary import Summary
-from uw_visibility.replay.table import read_rows, read_table
+from uw_visibility.replay.table import Columns
 from uw_visibility.water.meaning.derived import QUANTITIES
 
 EVENLY_SPACED = 5
@@ -57,19 +57,22 @@ TOPIC_TITLES = {"depth": "depth sensor", "left_info": "left camera_info",
 
 
 def write_report(
-    folder: Path, gallery: Gallery, summary: Summary, joins: Sequence[Mapping[str, Any]] = ()
+    folder: Path, columns: Columns, gallery: Gallery, summary: Summary,
+    joins: Sequence[Mapping[str, Any]] = (),
 ) -> None:
-    """Write ``report.html`` to a result's folder; `joins` are the sections of `fit_joins`."""
-    columns = read_table(folder / "frames.csv", {
-        name: COLUMNS[name] for name in (*NEEDED, *TRACK_COLUMNS, *QUANTITY_COLUMNS)})
+    """Write ``report.html`` to a result's folder.
+
+    columns: its table, as `read_table` returns it.
+    joins: sections of `fit_joins`.
+    """
     contrast = float(summary.provenance["parameters"]["assessment.contrast"])
     shown: list[dict[str, Any]] = [
         {
-            "frame": picture.row["frame"],
+            "frame": picture.frame,
             "views": [_view(what, image) for what, image in picture.parts().items()],
-            "caption": picture.words(),
+            "caption": picture.caption,
         }
-        for picture in gallery.pictures(_representative(folder, summary))
+        for picture in gallery.pictures(_representative(columns, summary))
     ]
     linked = [picture["frame"] for picture in shown]
     write_page(
@@ -101,23 +104,20 @@ def _view(what: str, image: Image8) -> dict[str, Any]:
     return {"what": what, "source": source, "width": width, "height": height}
 
 
-def _representative(folder: Path, summary: Summary) -> set[str]:
+def _representative(columns: Columns, summary: Summary) -> set[int]:
     """Choose frames: evenly spaced ones, the worst and the best, one of each refusal."""
-    rows = [
-        (row["frame"], [row[c] for c in STATUS_COLUMNS.values()])
-        for row in read_rows(folder / "frames.csv") if not row["reason"]
-    ]
-    if not rows:
+    usable = columns["reason"] == ""
+    frames = columns["frame"][usable].astype(int)
+    if not frames.size:
         return set()
-    spaced = np.unique(np.linspace(0, len(rows) - 1, EVENLY_SPACED).round().astype(int))
-    chosen = {rows[index][0] for index in spaced}
+    spaced = np.linspace(0, len(frames) - 1, EVENLY_SPACED).round().astype(int)
+    chosen = set(frames[spaced].tolist())
     for parts in verdict(summary):
-        chosen |= {str(part.number) for part in parts if isinstance(part, Frame)}
-    refused = {
-        (status, place): frame for frame, statuses in reversed(rows)
-        for place, status in enumerate(statuses) if status != "ok"
-    }
-    return chosen | set(refused.values())
+        chosen |= {part.number for part in parts if isinstance(part, Frame)}
+    for name in STATUS_COLUMNS.values():
+        statuses, first = np.unique(columns[name][usable].astype(str), return_index=True)
+        chosen |= set(frames[first[statuses != "ok"]].tolist())
+    return chosen
 
 
 def _meaning(refusal: Refusal) -> str:
@@ -147,22 +147,19 @@ MEASURED = {
     "mean_attenuation": ("mean attenuation α", "1/m", "beyond that of clear water"),
     "depth": ("depth", "m", "by the colour of daylight"),
 }
-QUANTITY_COLUMNS = (*(f"{name}{end}" for name in MEASURED for end in ("", "_stddev")), *MATCHED)
 
 
-def _part(part: str | Frame, linked: Collection[str]) -> str | dict[str, str]:
+def _part(part: str | Frame, linked: Collection[int]) -> str | dict[str, str]:
     """Return a part of a sentence; frames with a picture on the page link to it."""
-    if isinstance(part, Frame) and str(part.number) in linked:
+    if isinstance(part, Frame) and part.number in linked:
         return {"text": str(part), "href": f"#frame-{part.number}"}
     return str(part)
 
 
-def quantities(
-    columns: Mapping[str, Array], summary: Summary, short: str
-) -> list[dict[str, str]]:
+def quantities(columns: Columns, summary: Summary, short: str) -> list[dict[str, str]]:
     """Return the rows of the table of quantities: those of the verdict, then what is beside them.
 
-    columns: `QUANTITY_COLUMNS`. short: formula of visibility distance.
+    short: formula of visibility distance.
     """
     typical = {} if summary.synopsis is None else summary.synopsis.typical
     rows = [
@@ -233,20 +230,20 @@ AGAINST = "beam_attenuation"
 """Column that joined topics are held against."""
 
 
-def fit_joins(folder: Path, joins: Sequence[ScalarTopic]) -> list[dict[str, Any]]:
+def fit_joins(
+    folder: Path, table: Columns, joins: Sequence[ScalarTopic]
+) -> list[dict[str, Any]]:
     """Fit each joined topic over the beam attenuation; writes ``fit_TOPIC.json``."""
     sections = []
     for join in joins:
-        columns = read_table(folder / "frames.csv", dict.fromkeys(
-            ("stamp", AGAINST, f"{AGAINST}_stddev", join.column), Column("number", "")))
-        x, x_stddev, y = columns[AGAINST], columns[f"{AGAINST}_stddev"], columns[join.column]
+        x, x_stddev, y = table[AGAINST], table[f"{AGAINST}_stddev"], table[join.column]
         fit = fit_line(x, x_stddev, y, str(join), AGAINST)
         both = int(np.count_nonzero(np.isfinite(x) & np.isfinite(y)))
         if fit is not None:
             fit.write(folder / f"fit_{join.column.removeprefix('joined_')}.json")
         sections.append({
-            "title": str(join), "text": _sentence(fit, both, columns[join.column]),
-            "figure": _draw(columns, join.column, fit, str(join)) if both else "",
+            "title": str(join), "text": _sentence(fit, both, y),
+            "figure": _draw(table, join.column, fit, str(join)) if both else "",
         })
     return sections
 

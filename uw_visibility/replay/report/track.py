@@ -16,15 +16,15 @@ from matplotlib.ticker import ScalarFormatter
 from uw_visibility.errors import printable
 from uw_visibility.images.arrays import Array
 from uw_visibility.replay.inputs.sensors import EARTH_RADIUS, wrap_longitude
-from uw_visibility.replay.report.figures import MOST_NAMES, Columns, thin
+from uw_visibility.replay.report.figures import MOST_NAMES, thin
 from uw_visibility.replay.report.sentences import amount, number
 from uw_visibility.replay.report.svg import HOLLOW, INK, NARROW, RULE, WIDE, Spot, draw
+from uw_visibility.replay.table import Columns
 
 COLOURED = {
     "visibility_distance": "visibility distance [m]",
     "mean_attenuation": "mean attenuation α [1/m]",
 }
-TRACK_COLUMNS = ("stamp", "longitude", "latitude", "x", "y", *COLOURED)
 LARGEST_HEIGHT = 6.0
 # Cosine of 89.4 degrees of latitude.
 LEAST_COSINE = 0.01
@@ -54,7 +54,7 @@ class _LongitudeFormatter(ScalarFormatter):
 def draw_tracks(recordings: Mapping[str, Columns]) -> list[Markup]:
     """Draw the positions of frames, in the colours of visibility and of attenuation.
 
-    recordings: columns `TRACK_COLUMNS` of each, by its name.
+    recordings: columns of the table of each, by its name.
     Returns a map for each quantity that is known somewhere, one without any where none is; empty
     where no frame has a position. Recordings with longitude and latitude are drawn alone where
     there are both kinds.
@@ -77,7 +77,7 @@ def draw_tracks(recordings: Mapping[str, Columns]) -> list[Markup]:
 
 
 def _track(name: str, columns: Columns, names: tuple[str, str], quantity: str) -> _Track:
-    columns = thin({column: columns[column] for column in TRACK_COLUMNS})
+    columns = thin(columns)
     x, y = (columns[axis] for axis in names)
     known = np.isfinite(x) & np.isfinite(y)
     return _Track(name, x[known], y[known], columns[quantity][known])

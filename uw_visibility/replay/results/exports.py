@@ -7,20 +7,19 @@ from __future__ import annotations
 import importlib
 import json
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uw_visibility.errors import needing
+from uw_visibility.errors import cell, needing
 from uw_visibility.images.arrays import Array
-from uw_visibility.messages.stamps import iso_time
+from uw_visibility.messages.stamps import iso_time, seconds
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, Column
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.results.provenance import texts_of
-from uw_visibility.replay.table import read_rows, read_table
 from uw_visibility.water.meaning.derived import DerivedModel
 
 QUANTITIES = (
@@ -45,18 +44,18 @@ def check_exports(options: ReplayOptions) -> None:
 
 
 def write_exports(
-    folder: Path, columns: Mapping[str, Column], attributes: Mapping[str, Any],
-    options: ReplayOptions, transects: Sequence[str] = (),
+    folder: Path, table: Mapping[str, NDArray], columns: Mapping[str, Column],
+    attributes: Mapping[str, Any], options: ReplayOptions, transects: Sequence[str] = (),
 ) -> None:
-    """Write a folder's ``frames.csv``, of these columns, in the formats that were asked for.
+    """Write a table, of these columns, in the formats that were asked for.
 
-    `attributes` are its provenance, for the files' metadata; `transects` the names of the
-    recordings, where the table is of several.
+    table: as `read_table` returns it.
+    attributes: its provenance, for the files' metadata.
+    transects: names of the recordings, where the table is of several.
     """
-    table = folder / "frames.csv"
     if options.geo:
         more = [TRANSECT] * bool(transects) + [join.column for join in options.joins]
-        write_geojson(folder / "frames.geojson", read_rows(table), more)
+        write_geojson(folder / "frames.geojson", table, more)
     if options.netcdf:
         wavelengths = DerivedModel(options.pipeline).effective_wavelengths
         write_netcdf(
@@ -67,27 +66,27 @@ def write_exports(
 
 
 def write_geojson(
-    path: Path, rows: Iterator[Mapping[str, str]], more: Sequence[str] = ()
+    path: Path, table: Mapping[str, NDArray], more: Sequence[str] = ()
 ) -> None:
-    """Write rows with a longitude and a latitude as points (RFC 7946).
+    """Write frames with a longitude and a latitude as points (RFC 7946).
 
     Properties are the columns `PROPERTIES`, and `more` beside them.
     """
     before = "\n"
     with path.open("w", encoding="utf-8") as file:
         file.write('{"type": "FeatureCollection", "features": [')
-        for row in rows:
-            if not row["longitude"]:
-                continue
+        for place in np.flatnonzero(np.isfinite(table["longitude"])):
             feature = {
                 "type": "Feature",
                 "geometry": {
                     "type": "Point",
-                    "coordinates": [float(row["longitude"]), float(row["latitude"])],
+                    "coordinates": [
+                        float(table[axis][place]) for axis in ("longitude", "latitude")],
                 },
                 "properties": {
-                    "stamp": row["stamp"], "frame": int(row["frame"]),
-                    **{name: _value(row[name]) for name in (*PROPERTIES, *more)},
+                    "stamp": seconds(int(table["datetime"][place])),
+                    "frame": int(table["frame"][place]),
+                    **{name: _value(table[name][place]) for name in (*PROPERTIES, *more)},
                 },
             }
             file.write(before + json.dumps(feature, allow_nan=False))
@@ -95,18 +94,20 @@ def write_geojson(
         file.write("\n]}\n")
 
 
-def _value(text: str) -> float | str | None:
-    try:
-        return float(text) if text else None
-    except ValueError:
-        return text
+def _value(value: Any) -> float | str | None:
+    if isinstance(value, np.integer):
+        return iso_time(int(value))
+    if isinstance(value, str):
+        return value or None
+    return float(value) if np.isfinite(value) else None
 
 
 def _write_parquet(
-    path: Path, table: Path, columns: Mapping[str, Column], attributes: Mapping[str, Any]
+    path: Path, table: Mapping[str, NDArray], columns: Mapping[str, Column],
+    attributes: Mapping[str, Any],
 ) -> None:
-    """Write a table as Parquet, with what each column is; texts are as in the table."""
-    arrow, csv, parquet = _import_parquet()
+    """Write a table as Parquet, with what each column is; texts are as in ``frames.csv``."""
+    arrow, parquet = _import_parquet()
     types = {
         "integer": arrow.int64(), "number": arrow.float64(),
         "datetime": arrow.timestamp("ns", tz="UTC"),
@@ -118,16 +119,17 @@ def _write_parquet(
         ],
         metadata=texts_of(attributes),
     )
-    parquet.write_table(csv.read_csv(
-        table, parse_options=csv.ParseOptions(newlines_in_values=True),
-        convert_options=csv.ConvertOptions(
-            column_types=schema, null_values=[""], strings_can_be_null=True),
-    ).cast(schema), path)
+    parquet.write_table(arrow.table([
+        arrow.array(
+            [cell(text) or None for text in values] if values.dtype == object else values,
+            field.type, from_pandas=True)
+        for field, values in ((field, table[field.name]) for field in schema)
+    ], schema=schema), path)
 
 
 def _import_parquet() -> list[Any]:
     with needing("parquet", "--parquet"):
-        return list(map(importlib.import_module, ("pyarrow", "pyarrow.csv", "pyarrow.parquet")))
+        return list(map(importlib.import_module, ("pyarrow", "pyarrow.parquet")))
 
 
 def _metadata(column: Column) -> dict[str, str]:
@@ -157,7 +159,7 @@ _NAMES = {"datetime": "time", "longitude": "lon", "latitude": "lat", "time": "ti
 
 def write_netcdf(
     path: Path,
-    table: Path,
+    table: Mapping[str, NDArray],
     columns: Mapping[str, Column],
     attributes: Mapping[str, Any],
     wavelengths: Array,
@@ -166,7 +168,7 @@ def write_netcdf(
 ) -> None:
     """Write a table as a CF trajectory, with the attributes of the ACDD.
 
-    path, table: file to write, and the table.
+    path, table: file to write, and the table as `read_table` returns it.
     columns: its columns.
     attributes: global attributes; what is no text is written as JSON.
     wavelengths: (3,) float64, effective wavelengths of the channels, nm.
@@ -182,11 +184,10 @@ def write_netcdf(
     https://cfconventions.org
     """
     xarray = _import_netcdf()
-    texts = read_table(table, columns)
-    values = {_name(name): _values(texts[name], column) for name, column in columns.items()}
+    values = {_name(name): _values(table[name], column) for name, column in columns.items()}
     if transects:
         place = {name: number for number, name in enumerate(transects)}
-        values[TRANSECT] = np.array([place[name] for name in texts[TRANSECT]], np.int32)
+        values[TRANSECT] = np.array([place[name] for name in table[TRANSECT]], np.int32)
     xarray.Dataset(
         {
             _name(name): (DIMENSION, values[_name(name)], _attributes(name, columns))
@@ -252,8 +253,7 @@ def _name(column: str) -> str:
 
 def _values(values: NDArray, column: Column) -> NDArray:
     if column.kind == "datetime":
-        stamps = [np.datetime64(text[:-1], "ns").astype(np.int64) for text in values]
-        return np.array(stamps, np.int64) / 1e9
+        return values / 1e9
     if column.kind == "choice":
         place = {text: number for number, text in enumerate(column.choices)}
         return np.array([place.get(text, _UNKNOWN) for text in values], np.int8)

@@ -6,10 +6,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uw_visibility.plausibility.comparison import Verdict
 from uw_visibility.replay.columns import COLUMNS, FAILED
@@ -38,14 +40,12 @@ class Refusal:
     frames: str  # which, as numbers; not all, where they are many
 
 
-def refusals(rows: Iterable[Mapping[str, str]]) -> list[Refusal]:
-    """Return what was not assessable in the rows of a table."""
+def refusals(columns: Mapping[str, NDArray]) -> list[Refusal]:
+    """Return what was not assessable in the frames of a table."""
     found: dict[tuple[str, str], list[int]] = {}
     reasons: Counter[str] = Counter()
-    numbers = []
-    for place, row in enumerate(rows):
-        numbers.append(row["frame"])
-        for what, why in _refused(row):
+    for place in range(len(columns["frame"])):
+        for what, why in _refused(columns, place):
             if (what, why) not in found:
                 why = why if reasons[what] < MOST_REASONS else FURTHER
                 reasons[what] += 1
@@ -54,32 +54,37 @@ def refusals(rows: Iterable[Mapping[str, str]]) -> list[Refusal]:
     for (what, why), places in found.items():
         together.setdefault((why, tuple(places)), []).append(what)
     return [
-        Refusal(", ".join(names), why, len(places), _frames(places, numbers))
+        Refusal(", ".join(names), why, len(places), _frames(places, columns["frame"]))
         for (why, places), names in together.items()]
 
 
-def _frames(places: Sequence[int], numbers: Sequence[str]) -> str:
+def _frames(places: Sequence[int], numbers: NDArray) -> str:
     """Name frames by the first and the last one of each run of neighbours in the table."""
     runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
-    ends = [[numbers[place] for place in dict.fromkeys(run[[0, -1]])] for run in runs[:MOST_RUNS]]
+    ends = [
+        [f"{numbers[place]:.0f}" for place in dict.fromkeys(run[[0, -1]])]
+        for run in runs[:MOST_RUNS]]
     more = sum(map(len, runs[MOST_RUNS:]))
     return ", ".join(map("-".join, ends)) + (f" and {more} more" if more else "")
 
 
-def _refused(row: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+def _refused(columns: Mapping[str, NDArray], place: int) -> Iterator[tuple[str, str]]:
     """Yield quantity and reason of each refusal of a frame."""
-    if row["status"] == FAILED:
-        yield WHOLE_FRAME, row["reason"]
+    def value(name: str) -> Any:
+        return columns[name][place]
+
+    if value("status") == FAILED:
+        yield WHOLE_FRAME, value("reason")
         return
-    seen = bool(row["visibility_distance"])
+    seen = np.isfinite(value("visibility_distance"))
     for what, column in STATUS_COLUMNS.items():
-        if row[column] != "ok":
+        if value(column) != "ok":
             other = what == DISTANCE and seen
-            yield OTHER_CHANNELS if other else what, COLUMNS[column].meaning(row[column])
-    if row["filtering"] and seen and not row["filtered_visibility_distance"]:
+            yield OTHER_CHANNELS if other else what, COLUMNS[column].meaning(value(column))
+    if value("filtering") and seen and np.isnan(value("filtered_visibility_distance")):
         column = "filtered_visibility_status"
-        yield OVER_FRAMES, COLUMNS[column].meaning(row[column])
-    verdict = COLUMNS["plausibility"].meaning(row["plausibility"])
+        yield OVER_FRAMES, COLUMNS[column].meaning(value(column))
+    verdict = COLUMNS["plausibility"].meaning(value("plausibility"))
     if verdict and verdict not in JUDGED:
         # Frames with the same reason differ in its numbers.
-        yield PLAUSIBILITY, re.sub(r"\d+(\.\d+)?", "…", row["plausibility_reason"]) or verdict
+        yield PLAUSIBILITY, re.sub(r"\d+(\.\d+)?", "…", value("plausibility_reason")) or verdict

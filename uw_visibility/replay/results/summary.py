@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from uw_visibility.replay.columns import COLUMNS, FAILED, Column, word
+from uw_visibility.replay.columns import COLUMNS, FAILED, word
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.refusals import WHOLE_FRAME, Refusal, refusals
 from uw_visibility.replay.results.synopsis import Synopsis, synopsis
-from uw_visibility.replay.table import read_rows, read_table
+from uw_visibility.replay.table import read_table
 from uw_visibility.water.series.tracking import TrackingEvent
 
 TAKEN = (TrackingEvent.STARTED, TrackingEvent.UPDATED, TrackingEvent.RESTARTED)
@@ -70,14 +71,12 @@ class Summary:
         return self.counts["status"][FAILED]
 
     def read(
-        self, table: Path, contrast: float, baselines: Collection[float],
-        columns: Mapping[str, Column] = COLUMNS,
+        self, found: Mapping[str, NDArray], contrast: float, baselines: Collection[float]
     ) -> None:
         """Take what a table says, whole or partial, of one recording or of several.
 
-        `contrast` and `baselines` are as `synopsis` takes them.
+        The parameters are those of `synopsis`.
         """
-        found = read_table(table, {**columns, "stamp": Column("text", "")})
         self.frames = len(found["frame"])
         self.counts = {name: Counter(filter(None, found[name])) for name in COUNTED}
         surveyed = np.isfinite(found["survey_frames"])
@@ -86,7 +85,7 @@ class Summary:
                 "count": int(surveyed.sum()), "frames": int(np.nanmax(found["survey_frames"])),
                 "range_min": float(np.nanmin(found["survey_range_min"])),
                 "range_max": float(np.nanmax(found["survey_range_max"]))}
-        self.refusals = refusals(read_rows(table))
+        self.refusals = refusals(found)
         self.synopsis = synopsis(found, contrast, baselines)
 
     def rejections(self) -> str:
@@ -141,6 +140,8 @@ class Summary:
             provenance={name: state[name] for name in ("parameters", "told")},
         )
         before = state["synopsis"]
-        found.read(table, float(before["contrast"]), [float(b) for b in before["baselines"]])
+        found.read(
+            read_table(table, COLUMNS), float(before["contrast"]),
+            [float(b) for b in before["baselines"]])
         found.resumed = found.frames
         return found

@@ -15,7 +15,6 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Array
-from uw_visibility.messages.stamps import nanoseconds
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, word
 from uw_visibility.water.meaning.derived import DerivedQuantities
 from uw_visibility.water.series.tracking import TrackingEvent
@@ -114,12 +113,12 @@ def synopsis(
 ) -> Synopsis:
     """Return what the frames of a table say.
 
-    columns: those of ``frames.csv`` by name, stamps as text. Of several recordings no trend and no
-        groups are told, which are those of one water.
+    columns: those of ``frames.csv`` by name. Of several recordings no trend and no groups are told,
+        which are those of one water.
     contrast: smallest contrast that counts as visible.
     baselines: of the frames' rigs, m.
     """
-    stamps = [nanoseconds(stamp) for stamp in columns["stamp"]]
+    stamps = columns["datetime"].tolist()
     own = np.isfinite(columns["visibility_distance"])
     series = columns["visibility_distance"][own]
     # What frames together refute is not told, even of those that show a distance alone.
