@@ -15,7 +15,8 @@ import numpy as np
 
 from uw_visibility.errors import InputError
 from uw_visibility.messages.images import stamp_to_nanoseconds
-from uw_visibility.plausibility.comparison import Value, neighbours
+from uw_visibility.plausibility.comparison import DepthSample, Value, interpolate, neighbours
+from uw_visibility.plausibility.monitor import RESTART_NANOSECONDS
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.topics import check_topic
 from uw_visibility.replay.line_fit import LARGEST
@@ -27,9 +28,10 @@ EARTH_RADIUS = 6371008.8
 
 
 class Track(Generic[Value]):
-    """Buffer of values by rising stamp, between which frames are placed.
+    """Buffer of a sensor's values by rising stamp, to interpolate at the stamps of frames.
 
-    Values further apart than `longest_gap`, s, are not neighbours.
+    Values further apart than `longest_gap`, s, are not interpolated between. A value that is not
+    newer than the last one is left out; after a jump back of a second the buffer begins anew.
     """
 
     def __init__(self, longest_gap: float) -> None:
@@ -37,9 +39,11 @@ class Track(Generic[Value]):
         self._values: deque[Value] = deque()
 
     def add(self, value: Value) -> None:
-        """Take a value; a stamp that goes back begins anew."""
-        if self._values and value.stamp < self._values[-1].stamp:
+        newest = self._values[-1].stamp if self._values else value.stamp - 1
+        if value.stamp < newest - RESTART_NANOSECONDS:
             self._values.clear()
+        elif value.stamp <= newest:
+            return
         self._values.append(value)
 
     def reaches(self, stamp: int) -> bool:
@@ -54,6 +58,12 @@ class Track(Generic[Value]):
     def around(self, stamp: int) -> tuple[Value, Value, float] | None:
         """Return the neighbours of a stamp, and which part of the way it is; None without any."""
         return neighbours(self._values, stamp, self._longest)
+
+
+class DepthTrack(Track[DepthSample]):
+    def at(self, stamp: int) -> DepthSample | None:
+        """Return the depth at a stamp, linear between its neighbours."""
+        return interpolate(self._values, stamp, self._longest)
 
 
 class Position(NamedTuple):

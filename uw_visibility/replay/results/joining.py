@@ -6,21 +6,19 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from uw_visibility.config.schema import PlausibilityConfig
-from uw_visibility.plausibility.comparison import DepthSample, Verdict, interpolate
-from uw_visibility.plausibility.monitor import (
-    RESTART_NANOSECONDS,
-    WAITING_ESTIMATES,
-    Comparison,
-    DepthMonitor,
-)
+from uw_visibility.plausibility.comparison import Verdict
+from uw_visibility.plausibility.monitor import WAITING_ESTIMATES, Comparison, DepthMonitor
 from uw_visibility.replay.inputs.sensors import (
+    DepthTrack,
     Position,
     PositionTrack,
     ScalarTopic,
     ScalarTrack,
     ScalarValue,
+    Track,
     geographic,
 )
 from uw_visibility.replay.inputs.stream import Restart, SensorValue
@@ -47,12 +45,14 @@ class Joiner:
         joins: Sequence[ScalarTopic] = (),
         tolerance: float = 2.0,
     ) -> None:
-        self._config = config
         self._monitor = DepthMonitor(config) if config.sensor_type != "none" else None
-        self._samples: deque[DepthSample] = deque()
-        self._track = PositionTrack() if position else None
+        self._depths = DepthTrack(config.timeout)
+        self._positions = PositionTrack() if position else None
         self._origin = origin
         self._scalars = {join: ScalarTrack(tolerance) for join in joins}
+        self._tracks: list[Track[Any]] = [
+            *([self._depths] if self._monitor is not None else []),
+            *([self._positions] if self._positions is not None else []), *self._scalars.values()]
         # Longest wait for values to join, s.
         self._patience = max([config.timeout, *([tolerance] if joins else [])])
         self._waiting: deque[JoinedFrame] = deque()
@@ -80,25 +80,17 @@ class Joiner:
         if isinstance(event, ScalarValue):
             self._scalars[event.source].add(event)
         elif isinstance(event, Position):
-            if self._track is not None:
-                self._track.add(event)
+            if self._positions is not None:
+                self._positions.add(event)
         elif self._monitor is not None:
             if isinstance(event, SensorValue):
-                self._add_sensor(event, self._monitor)
+                self._now = event.time / 1e9
+                self._note(self._monitor.add_sensor(event.sample, self._now))
+                self._depths.add(event.sample)
             else:
                 # The stamps of the images jumped back: the test begins anew.
                 self._monitor.reset()
         yield from self._complete()
-
-    def _add_sensor(self, value: SensorValue, monitor: DepthMonitor) -> None:
-        self._now = value.time / 1e9
-        self._note(monitor.add_sensor(value.sample, self._now))
-        newest = self._samples[-1].stamp if self._samples else value.sample.stamp - 1
-        if value.sample.stamp < newest - RESTART_NANOSECONDS:
-            self._samples.clear()
-        elif value.sample.stamp <= newest:
-            return
-        self._samples.append(value.sample)
 
     def finish(self) -> Iterator[JoinedFrame]:
         """Yield the frames that still wait: nothing more will come."""
@@ -117,30 +109,22 @@ class Joiner:
             overdue = len(self._waiting) >= WAITING_ESTIMATES or (
                 newest - stamp > self._patience * 1e9
             )
-            if not (at_end or overdue or self._enclosed(stamp)):
+            enclosed = all(track.reaches(stamp) for track in self._tracks)
+            if not (at_end or overdue or enclosed):
                 return
             joined = self._waiting.popleft()
             self._join_sensor(joined)
             self._join_position(joined)
             joined.scalars = tuple(track.at(stamp) for track in self._scalars.values())
-            for track in self._scalars.values():
+            for track in self._tracks:
                 track.forget_before(stamp)
             yield joined
-
-    def _enclosed(self, stamp: int) -> bool:
-        sensor = self._monitor is None or (
-            bool(self._samples) and self._samples[-1].stamp >= stamp
-        )
-        scalars = all(track.reaches(stamp) for track in self._scalars.values())
-        return sensor and scalars and (self._track is None or self._track.reaches(stamp))
 
     def _join_sensor(self, joined: JoinedFrame) -> None:
         if self._monitor is None:
             return
         stamp = joined.record.stamp
-        joined.sensor = interpolate(self._samples, stamp, self._config.timeout)
-        while len(self._samples) > 1 and self._samples[1].stamp <= stamp:
-            self._samples.popleft()
+        joined.sensor = self._depths.at(stamp)
         joined.comparison = self._comparisons.pop(stamp, None)
         report = self._monitor.report(self._now)
         verdict, reason = report.verdict, report.reason
@@ -150,10 +134,9 @@ class Joiner:
         joined.verdict_reason = "" if verdict is Verdict.OK else reason
 
     def _join_position(self, joined: JoinedFrame) -> None:
-        if self._track is None:
+        if self._positions is None:
             return
-        stamp = joined.record.stamp
-        position = self._track.at(stamp)
+        position = self._positions.at(joined.record.stamp)
         if position is None:
             self.unplaced += 1
         elif position.geographic:
@@ -162,4 +145,3 @@ class Joiner:
             joined.x, joined.y = position.x, position.y
             if self._origin is not None:
                 joined.longitude, joined.latitude = geographic(joined.x, joined.y, self._origin)
-        self._track.forget_before(stamp)
