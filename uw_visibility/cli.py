@@ -39,9 +39,9 @@ class _Parser(argparse.ArgumentParser):
 
 
 def run() -> NoReturn:
-    """Run the command as a process: what comes after the first interruption changes nothing.
+    """Run the command as a process, where interruptions after the first one change nothing.
 
-    While Python ends, a signal would end it by force, with results complete and told.
+    While Python exits, a signal would kill the process although its results are complete.
     """
     code = INTERRUPTED
     use_one_thread()
@@ -51,7 +51,7 @@ def run() -> NoReturn:
         finally:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
     except KeyboardInterrupt:
-        # A second one, while the first was told.
+        # A second one, while the first was reported.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(code)
 
@@ -64,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if argv is None else argv)
     _take_any_text()
-    # What OpenCV logs of a damaged file is one sentence here.
+    # Damaged files are reported here in one sentence, not in OpenCV's log.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     try:
         if any("\0" in word for word in words):
@@ -107,14 +107,14 @@ def _tell(what: str, code: int) -> int:
 
 
 def _take_any_text() -> None:
-    """Let file names and topics be shown whatever the terminal's encoding."""
+    """Show file names and topics in any encoding of the terminal."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
 
 
 def _complete(parser: argparse.ArgumentParser) -> None:
-    """Answer the shell, where it asks what a word may become.
+    """Complete words for the shell.
 
     ``eval "$(register-python-argcomplete uw_visibility)"`` lets it ask.
     """

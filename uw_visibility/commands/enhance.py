@@ -202,7 +202,7 @@ def _process(
 
 
 def _prepare_folder(arguments: argparse.Namespace) -> None:
-    """Make the folder for the results, before the work rather than after it."""
+    """Make the folder for the results, before the work."""
     folder = arguments.output
     refuse_inputs(
         [arguments.left, arguments.right, arguments.params_file, *arguments.calibration],

@@ -223,7 +223,7 @@ def _refuse_inputs(arguments: argparse.Namespace, targets: dict[Place, Place]) -
 
 
 def _list_all(bags: list[Place], options: ReplayOptions) -> None:
-    """Show recordings; of several, one that cannot be read holds up no other."""
+    """Show recordings; one that cannot be read does not stop the others."""
     from uw_visibility.replay.bags.reader import UnreadableError
     from uw_visibility.replay.stores import recording_here
 
@@ -318,7 +318,7 @@ def _tell_partial(targets: dict[Place, Place]) -> None:
 
 
 def _tell_definition(summaries: list[Summary]) -> None:
-    """Say once what the distances are."""
+    """Print the definition of the distances once."""
     from uw_visibility.replay.report.sentences import definition
 
     told = [s.synopsis for s in summaries if s.synopsis is not None and s.synopsis.told]

@@ -60,8 +60,8 @@ def replay_bags(
     force, resume: whether existing results are replaced, or partial ones gone on from and complete
         ones left as they are.
     Raises `InputError` if a folder or every recording cannot be used, or no recording has a topic
-    to join. Of several recordings, one that cannot be used holds up no other: its summary says why,
-    and what a recording lacks of the topics to join.
+    to join. One unusable recording does not stop the others: its summary says why. A summary also
+    says which topics to join its recording lacks.
     """
     stores.check_urls([*targets, *targets.values()])
     options = replace(options, several=options.several or len(targets) > 1)
@@ -120,9 +120,9 @@ def settle(
 def _replay(
     bag: Place, target: Place, options: ReplayOptions, pool: FramePool, *, force: bool, resume: bool
 ) -> Summary:
-    """Replay a recording; fetch it from a store and put the result there, where they are URLs.
+    """Replay a recording; what is at a URL is downloaded, and a result for one is uploaded.
 
-    What there is after an interruption is a readable partial result.
+    After an interruption a readable partial result remains.
     """
     check_exports(options)
     with (
@@ -173,7 +173,7 @@ def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | No
                 "replace")
         try:
             summary = Summary.of_finished(str(bag), str(target), state, folder / TABLE)
-            # The texts at the end read more of the state than this: damage must show here.
+            # The final texts read more of the state: damage must be found here.
             verdict(summary)
             return summary
         except (
@@ -269,8 +269,8 @@ class _Replay:
     ) -> Iterator[Any]:
         """Yield a task or an earlier answer for each frame, and sensor values.
 
-        Under lamps a frame is restored with the light of those before, but for the last few
-        that several processes may still be at.
+        Under lamps a frame is restored with the light of earlier frames, except the last few,
+        which other processes may still be working on.
         """
         recording = Recording.of(
             self._reader, self._stream.selection, self._options, frame_topics(self._options))

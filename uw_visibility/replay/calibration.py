@@ -63,7 +63,7 @@ class CalibrationSeries:
 def calibrate_recordings(
     bags: Sequence[Path], options: ReplayOptions, *, jobs: int = 1
 ) -> tuple[Calibration, CalibrationSeries]:
-    """Find the camera's white and the water type that fit a depth sensor, and from what.
+    """Find the white reference and water type that fit a depth sensor; return the data too.
 
     The recordings are of one camera in one water. The result does not depend on `jobs`, the
     number of processes.
@@ -95,7 +95,7 @@ def _sensed_depths(bags: Sequence[Path], options: ReplayOptions) -> tuple[float,
 
 
 def _check_spread(depths: tuple[float, float]) -> None:
-    """Refuse depths that are too much alike; none at all are told of later."""
+    """Refuse depths with too small a spread; missing depths are reported later."""
     spread = depths[1] - depths[0]
     if 0.0 <= spread < LEAST_DEPTH_SPREAD:
         raise InputError(

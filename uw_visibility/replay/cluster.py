@@ -34,9 +34,8 @@ def replay_on_cluster(
     """Replay recordings on an existing cluster.
 
     The workers must see recordings and folders under the same paths or URLs, and have
-    this version of the package. What a lost worker had not finished, another one goes
-    on with, from the last frame that is on disk; where the result goes to a URL, from the
-    beginning.
+    this version of the package. Another worker resumes what a lost worker had not
+    finished: from the last frame on disk, or from the beginning if the result goes to a URL.
 
     address: of the scheduler, such as ``tcp://10.0.0.5:8786``.
     targets, options, force, resume: as `replay_bags` takes them.
@@ -81,8 +80,8 @@ def _check_targets(
 ) -> dict[Place, InputError]:
     """Return an error for each recording with a partial result, without --resume or --force.
 
-    It is looked for here, before the work: in a worker it may be that of another worker,
-    which was lost, and is gone on from.
+    This is checked before the work: a partial result that a worker finds may be that of a
+    lost worker, and is resumed.
     """
     if not resume:
         for target in targets.values():

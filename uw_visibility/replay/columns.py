@@ -280,7 +280,7 @@ TRANSECT_COLUMN = Column("text", "recording that the frame is of", description="
 
 
 def joined_column(title: str, index: int, unit: str = "") -> Column:
-    """Return the column of a joined topic, of its place among them."""
+    """Return the column of the joined topic at an index."""
     return _number(
         f"scalars.{index}", f"{title}, at the frame's stamp", unit,
         "" if unit else "In the unit of the recording")

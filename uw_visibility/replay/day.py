@@ -50,7 +50,7 @@ from uw_visibility.replay.table import (
 
 
 def check_day(folder: Place, *, again: bool) -> None:
-    """Refuse a folder in which the page and tables over all would replace other files."""
+    """Refuse a folder where page and tables of all recordings would replace other files."""
     if exists(child(folder, MARK)):
         raise InputError(
             f"{folder} is the result of one recording: give another name for those of several")
@@ -112,7 +112,7 @@ def _write_table(work: Path, results: Sequence[Summary], options: ReplayOptions)
 
 
 def _provenance(results: Sequence[Summary]) -> dict[str, Any]:
-    """Return that of all results, which were made alike."""
+    """Return the provenance of all results, which have the same parameters."""
     states = {summary.name: read_state(Path(summary.output)) for summary in results}
     first = next(iter(states.values()))
     return {
@@ -140,7 +140,7 @@ def write_index(
     folder: Path, title: str, columns: Columns, results: Sequence[Summary],
     failed: Sequence[Summary],
 ) -> None:
-    """Write the page over several results, in the order of time, and recordings without one.
+    """Write the page of several results in time order, and of recordings without a result.
 
     columns: their table.
     """

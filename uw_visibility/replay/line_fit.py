@@ -93,8 +93,8 @@ def fit_line(
     """Fit a line with errors in both coordinates: slope S_xy / (S_xx − σ²).
 
     Errors of x flatten the line of y on x, so that their variance is taken from that of x;
-    never more of it than brings all values onto the line, since a part of σ may be alike in
-    all frames.
+    at most so much that all values lie on the line, since a part of σ may be common to all
+    frames.
 
     x, x_stddev: (n,) float64, estimates and their standard deviations.
     y: (n,) float64, values of the sensor.

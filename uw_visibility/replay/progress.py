@@ -19,8 +19,8 @@ PERIOD = 10.0
 class Progress:
     """Progress: frames done, rate, and time left.
 
-    The clock begins with the first frame that is done: before it, kernels are compiled or
-    loaded, which says nothing of the time that frames take.
+    The clock starts when the first frame is done: the time to compile or load kernels before
+    does not count.
     """
 
     def __init__(self, name: str, total: int | None) -> None:
@@ -84,7 +84,7 @@ Item = TypeVar("Item")
 
 
 def progress_bar(items: Iterable[Item], name: str, total: int | None = None) -> Iterator[Item]:
-    """Yield the items; tell how many there were, as `Progress` does."""
+    """Yield the items, and show the progress."""
     with closing(Progress(name, total)) as progress:
         for item in items:
             yield item

@@ -24,7 +24,7 @@ FURTHER = "further reasons"
 
 @dataclass(frozen=True)
 class FrameEstimate:
-    """A frame's result without what is large."""
+    """A frame's result without its images."""
 
     # water, visibility: of the frame alone
     water: WaterEstimate
@@ -42,7 +42,7 @@ class FrameEstimate:
 
     @classmethod
     def of(cls, result: FrameResult, rig: StereoRig, header: ImageHeader) -> FrameEstimate:
-        """Take it from a result."""
+        """Keep what a result has besides its images."""
         stereo, limited = result.stereo, result.images.limited
         return cls(
             result.water, result.visibility, rig,
@@ -69,7 +69,7 @@ class FrameEstimate:
 
 @dataclass(frozen=True)
 class FrameRecord:
-    """What became of a frame by itself: an estimate, or the reason why it has none."""
+    """Result of one frame: an estimate, or the reason why there is none."""
 
     frame: int  # its number among the recording's
     # stamp, right_stamp: of its images, ns
@@ -82,7 +82,7 @@ class FrameRecord:
 
 @dataclass
 class JoinedFrame:
-    """A frame with what the frames and sensors around it say: a row of the table."""
+    """A frame with filtered estimate and sensor values: a row of the table."""
 
     record: FrameRecord
     filtered: FilteredWater | None = None

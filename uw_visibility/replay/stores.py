@@ -73,7 +73,7 @@ def child(folder: Place, name: str) -> Place:
 
 
 def absolute(where: Place) -> Place:
-    """Return a place that other processes understand alike."""
+    """Return a place that is valid in other processes."""
     return where.resolve() if isinstance(where, Path) else where
 
 

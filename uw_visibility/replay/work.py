@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Processing of recorded frames, in this process or in several.
 
-Only what concerns a frame alone is computed in the processes. Whatever carries state from frame
-to frame runs where the answers arrive, in the order of the recording, so the number of processes
-changes nothing but the time it takes.
+The processes compute what depends on one frame alone. State from frame to frame is kept where
+the answers arrive, in the order of the recording, so that the number of processes changes only the
+time that a replay takes.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class RecordingProcessor:
         self, frame: RecordedFrame, known_light: LampLight | None = None,
         known_water: KnownWater | None = None,
     ) -> FrameAnswer:
-        """Process a task; whatever goes wrong costs this frame alone."""
+        """Process a frame; an error costs this frame only."""
         asked = []
         recording = self._recording
 
@@ -152,7 +152,7 @@ def answer(task: FrameTask) -> FrameAnswer:
     """Work on a frame in this process, which keeps what the recording's frames share."""
     key = task.recording.key
     if key not in _processors:
-        # One recording after the other: the one before is done with, or nearly.
+        # Recordings are replayed in turn: an earlier one is done, or nearly done.
         while len(_processors) > 1:
             del _processors[next(iter(_processors))]
         _processors[key] = RecordingProcessor(task.recording)
@@ -188,8 +188,8 @@ class FramePool:
     ) -> Iterator[FrameAnswer | Other]:
         """Yield the answers to tasks in the order of the items; hand on what is no task.
 
-        `known` is the water that the answers yielded so far tell. Processes that work ahead do not
-        know it, so that what depends on it is worked on once more.
+        `known` returns the water by the answers yielded so far. Processes that work ahead do not
+        know it: frames that depend on it are processed again.
         """
         waiting: deque[_Given | Other] = deque()
         tasks = 0
@@ -226,8 +226,8 @@ class FramePool:
 
 @contextmanager
 def frame_pool(jobs: int, config: PipelineConfig) -> Iterator[FramePool]:
-    """Open a pool of so many processes, ready for frames with a configuration."""
-    # Here and once, rather than in each process or with each frame.
+    """Open a pool of `jobs` processes, warmed up for a configuration."""
+    # Once here, not in each process or with each frame.
     try_out(config)
     if jobs == 1:
         warm_up(config)
@@ -244,7 +244,7 @@ def _begin(config: PipelineConfig) -> None:
 
 
 class LightHistory:
-    """Light after each of the frames that are answered.
+    """History of the lamps' light after each answered frame.
 
     A frame gets the light up to `ahead` frames before it: as many as may be unanswered when
     its task is given, so that it does not depend on which process is fast.
@@ -256,8 +256,8 @@ class LightHistory:
         self._given = 0
 
     def add(self, light: LampLight | None) -> None:
-        """Take in the light after the next frame that is answered."""
-        # What it was estimated from is long, and restores nothing.
+        """Add the light after the next answered frame."""
+        # The observations behind it are large, and restoration does not need them.
         self._lights.append(None if light is None else replace(light, nodes=None, ground=None))
 
     def next(self) -> LampLight | None:

@@ -68,7 +68,7 @@ def find_files(path: Path) -> Layout:
 
 def _count(value: object) -> int:
     if not isinstance(value, int) or value < 0:
-        raise TypeError("a number of messages is none")
+        raise TypeError("a number of messages is not a count")
     return value
 
 

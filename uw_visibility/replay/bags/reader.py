@@ -26,7 +26,7 @@ LATEST = 1 << 63
 class BagReader:
     """Bag reader; to be used in a ``with`` statement.
 
-    What is damaged is read as far as it goes, and told in `damage`.
+    A damaged recording is read as far as possible; `damage` says what is missing.
 
     Parameters
     ----------

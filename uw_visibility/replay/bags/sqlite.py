@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of SQLite recordings from whoever made them.
+"""Reader of SQLite recordings from untrusted sources.
 
 A database is a program in part: its views, generated columns and cycles of pages can
 run without end. Only plain tables are read, within limits, and of what they hold only

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Options of a replay, without the topics to join that a recording lacks."""
+"""Options of a replay, and the topics to join that a recording lacks."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def _is_rectified(image: str) -> bool:
 
 
 def partner(topic: str) -> str | None:
-    """Return the name of the right image's topic for the left one's, if it is one."""
+    """Return the right image's topic for a left image's; None without "left" in its name."""
     if not re.search("left", topic, re.IGNORECASE):
         return None
     for old, new in (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT")):

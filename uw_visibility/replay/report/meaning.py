@@ -10,7 +10,7 @@ MEANINGS = {
     Status.NO_COLOUR: "The images are grey; attenuation by colour needs a colour camera.",
     Status.TOO_FEW_SUPPORT_POINTS: "Hardly anything matched: open water, blur, or too murky.",
     Status.TOO_FEW_OBSERVATIONS: "Too few pixels with a known range.",
-    Status.RANGE_SPREAD_TOO_SMALL: "All that is seen is about equally far away, so that the "
+    Status.RANGE_SPREAD_TOO_SMALL: "Everything in view is about equally far away, so that the "
     "water's part cannot be told from the scene's.",
     Status.ATTENUATION_UNCERTAIN: "Over the ranges in view the water takes so little light that "
     "the scene's own brightness and colours could do the same.",
@@ -41,9 +41,9 @@ MEANINGS = {
     Status.WATER_TYPE_UNCERTAIN: "Several Jerlov types fit the attenuation about equally well.",
     Status.LIT_BY_LAMPS: "Near objects are brighter than far ones, as under lamps, but no lamps "
     "are configured. By day a white board held before dark ground can look the same.",
-    Status.LIGHT_UNCERTAIN: "Lamps that nobody told of light the scene with a probability between "
-    "10 and 50 %; water by daylight would be wrong then. With lighting.model auto: between 10 and "
-    "90 %.",
+    Status.LIGHT_UNCERTAIN: "The probability that lamps light the scene, though none are "
+    "configured, is between 10 and 50 % (with lighting.model auto between 10 and 90 %). With lamps "
+    "an estimate for daylight would be wrong.",
     Status.LEFT_TO_STEP_2: "Under lamps only step 2, with dense ranges, estimates the water.",
     Status.NO_DEPTH_BY_LAMPS: "Depth is estimated from the colour of daylight, and lamps light the "
     "scene.",

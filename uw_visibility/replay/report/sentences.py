@@ -68,7 +68,7 @@ def assumed(summary: Summary) -> str:
 
 
 def definition(contrast: float) -> str:
-    """Say what the distances are."""
+    """Return the definition of the distances."""
     disc = QUANTITIES["black_disc_visibility"]
     return (
         "Black-disc visibility is closest to what divers call visibility: "
@@ -84,7 +84,7 @@ def definition(contrast: float) -> str:
 
 
 class Told(NamedTuple):
-    """Quantity as a verdict has it: value with its interval, and definition."""
+    """Quantity of a verdict: value with its interval, and definition."""
 
     name: str
     title: str
@@ -93,7 +93,7 @@ class Told(NamedTuple):
 
 
 def headline(typical: Mapping[str, Sequence[float]], paper: str) -> list[Told]:
-    """Return the quantities that come first.
+    """Return the main quantities with their intervals.
 
     typical: 16, 50 and 84 % by name, of those of `TOLD` that are known.
     paper: formula and channel of the paper's visibility distance.

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drawings for a page: wide and narrow, in its colours, with names and values to hover over.
 
-Colours are told apart by who is colour-blind: those of data are from Okabe and Ito, Color
+Colour-blind readers can tell the colours of data apart: they are from Okabe and Ito, Color
 Universal Design (2008).
 """
 
@@ -99,8 +99,8 @@ def draw(
 ) -> Markup:
     """Draw a figure for wide and for narrow pages.
 
-    name: what tells it from all others of the page; letters, digits, ``-``.
-    title, description: what it is, and what is to be seen, for who does not see it.
+    name: unique on the page; letters, digits, ``-``.
+    title, description: what it is and what it shows, for screen readers.
     height: inches.
     paint: draws into a figure, told whether it is the narrow one, and returns what can be pointed
         at there.

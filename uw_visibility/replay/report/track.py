@@ -55,9 +55,9 @@ def draw_tracks(recordings: Mapping[str, Columns]) -> list[Markup]:
     """Draw the positions of frames, in the colours of visibility and of attenuation.
 
     recordings: columns of the table of each, by its name.
-    Returns a map for each quantity that is known somewhere, one without any where none is; empty
-    where no frame has a position. Recordings with longitude and latitude are drawn alone where
-    there are both kinds.
+    Returns a map for each quantity that is known in a frame; one map without colours where none is
+    known; nothing where no frame has a position. Recordings with longitude and latitude are drawn
+    alone where there are both kinds.
     """
     geographic = any(np.isfinite(c["longitude"]).any() for c in recordings.values())
     names = ("longitude", "latitude") if geographic else ("x", "y")
@@ -154,7 +154,7 @@ def _labels(
 
 
 def _start(names: list[str]) -> str:
-    """Return the label of a place at which tracks start; none for none."""
+    """Return the label of a place where tracks start; empty without tracks."""
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
     return f"{', '.join(names[:NAMED])}{more} start".strip() if names else ""
 
@@ -162,7 +162,7 @@ def _start(names: list[str]) -> str:
 def _paint_track(
     axes: Any, track: _Track, limits: tuple[float, float], start: str, end: str | None
 ) -> Any:
-    """Draw a track with labels of its ends; returns what has colours, if anything has."""
+    """Draw a track with labels of its ends; returns its coloured points, if any."""
     axes.plot(track.x, track.y, color=HOLLOW, linewidth=0.8, zorder=1)
     seen = np.isfinite(track.seen)
     axes.scatter(track.x[~seen], track.y[~seen], s=22, facecolors="none", edgecolors=HOLLOW,

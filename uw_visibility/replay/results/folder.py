@@ -82,7 +82,7 @@ def refuse_to_replace(target: Path | str, products: Products, marked: bool, forc
 
 
 def check_names(names: Sequence[str]) -> None:
-    """Refuse names of recordings whose results would be in one another's place."""
+    """Refuse names of recordings whose results would overwrite one another."""
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"two bags are named {twice[0]}: replay them one by one")
@@ -145,7 +145,7 @@ class ResultFolder:
         aside.replace(self.work / MARK)
 
     def refuse_earlier(self) -> None:
-        """Put a partial result that cannot be gone on from back under its name."""
+        """Restore the name of a partial result that cannot be resumed."""
         RESULT.remove(self.work)
         if self.earlier is not None:
             self.earlier.rename(self.work)

@@ -30,7 +30,7 @@ class Joiner:
     """Join of table rows with the depth sensor, its test, positions and numbers of other topics.
 
     A frame waits until the sensors' values enclose its stamp, or are too far
-    behind it. What comes out depends on the order of what goes in alone.
+    behind it. The output depends only on the order of the input.
 
     config: the sensor's type is "none" where there is none.
     origin, joins, tolerance: as `ReplayOptions` has them.
@@ -76,7 +76,7 @@ class Joiner:
     def add(
         self, event: SensorValue | Position | ScalarValue | Restart
     ) -> Iterator[JoinedFrame]:
-        """Take whatever comes between frames; yields the frames that are complete."""
+        """Take a sensor value or a restart; yields the frames that are complete."""
         if isinstance(event, ScalarValue):
             self._scalars[event.source].add(event)
         elif isinstance(event, Position):

@@ -38,9 +38,9 @@ class Summary:
     # images that became part of no frame, by reason
     dropped: Counter[str] = field(default_factory=Counter)
     damage: list[str] = field(default_factory=list)
-    # what was to be joined and is not in this one of several recordings
+    # topics to join that this one of several recordings lacks
     lacks: list[str] = field(default_factory=list)
-    error: str = ""  # why there is no result, where that holds up no other recording
+    error: str = ""  # why there is no result, where the other recordings go on
     notes: list[str] = field(default_factory=list)  # choices made for the user
     topics: dict[str, str] = field(default_factory=dict)  # topics used, by purpose
     seconds: float = 0.0  # duration of the replay

@@ -50,7 +50,7 @@ class Extreme:
 
 @dataclass(frozen=True)
 class Synopsis:
-    """What a recording says of visibility as a whole."""
+    """Visibility over a whole recording."""
 
     frames: int  # all of them
     # start, end: first and last stamp, ns
@@ -111,7 +111,7 @@ class Synopsis:
 def synopsis(
     columns: Mapping[str, NDArray], contrast: float, baselines: Collection[float]
 ) -> Synopsis:
-    """Return what the frames of a table say.
+    """Summarise the frames of a table.
 
     columns: those of ``frames.csv`` by name. Of several recordings no trend and no groups are told,
         which are those of one water.
