@@ -349,14 +349,14 @@ class _Replay:
 
     def _check_earlier(self) -> None:
         """Refuse to go on with another input or other parameters."""
-        if self._folder.earlier is None:
+        earlier = self._folder.earlier
+        if earlier is None:
             return
         try:
-            difference = self._origin.difference(self._folder.state())
-            if difference:
-                raise InputError(
-                    f"the partial result {self._folder.work} {difference}: --force begins anew"
-                )
-        except InputError:
+            difference = self._origin.difference(read_state(earlier))
+            problem = difference and f"the partial result {self._folder.work} {difference}"
+        except (OSError, ValueError) as error:
+            problem = f"cannot go on from {self._folder.work}: {error}"
+        if problem:
             self._folder.refuse_earlier()
-            raise
+            raise InputError(f"{problem}: --force begins anew")

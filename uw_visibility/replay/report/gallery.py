@@ -67,10 +67,6 @@ class ColourScale(NamedTuple):
             return None
         return cls(*colour_ends(values, DISPARITY_STDDEV), focal_baseline)
 
-    def draw(self, message: Any) -> NDArray[np.uint8]:
-        """Return a DisparityImage in colours, (H, W, 3) RGB, black where nothing matched."""
-        return draw_disparity(read_disparity(message), self.low, self.high)
-
     def describe(self, disparity: float) -> str:
         """Return a disparity, and the range that it is, in words."""
         if disparity <= 0.0:
@@ -143,7 +139,9 @@ class Gallery:
                 if enhanced is None or disparity is None or raw is None:
                     continue
                 after = shown(read_pixels(enhanced, "image")[0])
-                drawn = np.zeros_like(after) if self.scale is None else self.scale.draw(disparity)
+                # Black where nothing matched.
+                drawn = np.zeros_like(after) if self.scale is None else draw_disparity(
+                    read_disparity(disparity), *self.scale[:2])
                 before = shown(read_pixels(raw, "image")[0])
                 yield Picture(frame, self._caption(row), before, after, drawn)
 

@@ -124,20 +124,6 @@ class ResultFolder:
             # At once: the folder of a killed run must be recognised and removable.
             (self.work / MARK).touch()
 
-    def state(self) -> dict[str, Any]:
-        """State of the partial result.
-
-        Raises `InputError` if that cannot be read.
-        """
-        if self.earlier is None:
-            return {}
-        try:
-            return read_state(self.earlier)
-        except (OSError, ValueError) as error:
-            raise InputError(
-                f"cannot go on from {self.earlier}: {error}; --force begins anew"
-            ) from error
-
     def write_state(self, state: dict[str, Any]) -> None:
         text = json.dumps(state, indent=1, allow_nan=False)
         aside = self.work / (MARK + ".new")
