@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from uw_visibility.commands.options import naming
 from uw_visibility.config.documents import read_document
 from uw_visibility.errors import InputError
 from uw_visibility.stereo.rig import StereoRig
@@ -36,7 +37,10 @@ def read_rig(paths: Sequence[str | Path]) -> tuple[StereoRig, tuple[int, int] | 
     if len(paths) == 1:
         return _from_projection_file(Path(paths[0]))
     if len(paths) == 2:
-        return _from_camera_info_files(Path(paths[0]), Path(paths[1]))
+        infos = [_camera_info(Path(path)) for path in paths]
+        with naming(f"calibration {paths[0]}, {paths[1]}"):
+            rig = StereoRig.from_camera_info(*infos)
+        return rig, (infos[0].width, infos[0].height)
     raise InputError(
         f"--calibration names {len(paths)} files: give one JSON with P1 and P2, "
         "or the left and the right camera's YAML"
@@ -92,21 +96,10 @@ def _from_projection_file(path: Path) -> tuple[StereoRig, tuple[int, int] | None
             f"calibration {path} has no P1 and P2: give the projection matrices of the "
             "rectified left and right camera under these names"
         )
-    try:
+    with naming(f"calibration {path}"):
         rig = StereoRig.from_projection(content["P1"], content["P2"])
-    except InputError as error:
-        raise InputError(f"calibration {path}: {error}") from error
     known = "width" in content and "height" in content
     return rig, _size(path, content, "width", "height") if known else None
-
-
-def _from_camera_info_files(left: Path, right: Path) -> tuple[StereoRig, tuple[int, int]]:
-    infos = [_camera_info(path) for path in (left, right)]
-    try:
-        rig = StereoRig.from_camera_info(*infos)
-    except InputError as error:
-        raise InputError(f"calibration {left}, {right}: {error}") from error
-    return rig, (infos[0].width, infos[0].height)
 
 
 def _camera_info(path: Path) -> Any:

@@ -9,12 +9,11 @@ import json
 import math
 import os
 import sys
-from collections.abc import Collection, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from uw_visibility.commands.options import add_transfer, read_params_file
+from uw_visibility.commands.options import add_transfer, naming, read_params_file
 from uw_visibility.config.assumptions import ASK_TRANSFER, assumptions
 from uw_visibility.config.files import Products, gathered, refuse_inputs, sole_writer, write_whole
 from uw_visibility.config.schema import PipelineConfig
@@ -110,7 +109,7 @@ def run(arguments: argparse.Namespace) -> None:
     from uw_visibility.water.meaning.derived import DerivedModel
 
     with sole_writer(arguments.output):
-        with _naming(arguments.left, arguments.right):
+        with naming(f"{arguments.left}, {arguments.right}"):
             result = _process(rig, config, left, right, arguments.left)
         with gathered(arguments.output, PRODUCTS, force=arguments.force) as folder:
             assumed = assumptions(config.to_parameters(), told, [rig.baseline])
@@ -129,11 +128,10 @@ def _read_config(arguments: argparse.Namespace) -> tuple[PipelineConfig, Collect
     values = read_params_file(arguments.params_file, arguments.transfer)
     if arguments.max_disparity is not None:
         values["stereo.max_disparity"] = arguments.max_disparity
-    try:
-        return PipelineConfig.from_parameters(values), values
-    except InputError as error:
-        # The file was checked when it was read.
-        raise InputError(f"--max-disparity: {error}") from error
+    # The file was checked when it was read.
+    with naming("--max-disparity"):
+        config = PipelineConfig.from_parameters(values)
+    return config, values
 
 
 def _read_pair(left_path: Path, right_path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -141,18 +139,9 @@ def _read_pair(left_path: Path, right_path: Path) -> tuple[NDArray[Any], NDArray
     from uw_visibility.images.pair import check_pair
 
     left, right = read_image(left_path), read_image(right_path)
-    with _naming(left_path, right_path):
+    with naming(f"{left_path}, {right_path}"):
         check_pair(left, right)
     return left, right
-
-
-@contextmanager
-def _naming(left: Path, right: Path) -> Iterator[None]:
-    """Let errors name the files of the pair."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{left}, {right}: {error}") from error
 
 
 def _make_rig(arguments: argparse.Namespace, shape: tuple[int, ...]) -> StereoRig:

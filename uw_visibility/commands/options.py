@@ -38,6 +38,15 @@ def of_arguments(
     return kind(**values, **others)
 
 
+@contextmanager
+def naming(what: object) -> Iterator[None]:
+    """Let errors begin with the name of the file or option that they are about."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error
+
+
 def add_transfer(parser: argparse.ArgumentParser) -> None:
     """Add the option of the camera's transfer."""
     parser.add_argument(
@@ -56,11 +65,9 @@ def read_params_file(path: Path | None, transfer: str | None = None) -> dict[str
     values: dict[str, Any] = {} if path is None else read_yaml(path)
     if transfer is not None:
         values["camera.transfer"] = transfer
-    try:
+    with naming(path):
         NodeConfig.from_parameters(values)
         PipelineConfig.from_parameters(values)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
     return values
 
 

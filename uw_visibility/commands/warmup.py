@@ -8,8 +8,6 @@ import argparse
 import time
 from pathlib import Path
 
-from uw_visibility.errors import InputError
-
 HELP = "compile ahead, for a quick first start"
 DESCRIPTION = """\
 Compile the pipeline's kernels for 8- and 16-bit images, colour and grey, and keep
@@ -38,7 +36,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     Raises `InputError` if the parameters cannot be used, or the size is too small.
     """
-    from uw_visibility.commands.options import read_params_file
+    from uw_visibility.commands.options import naming, read_params_file
     from uw_visibility.config.schema import PipelineConfig
     from uw_visibility.replay.progress import compiling, tell
 
@@ -52,14 +50,11 @@ def run(arguments: argparse.Namespace) -> None:
     width, height = arguments.size
     pipeline = Pipeline(StereoRig(500.0, 0.1, ((width - 1) / 2, (height - 1) / 2)), config)
     tell("preparing the kernels; the first time this takes a minute or two")
-    with compiling():
-        try:
-            for dtype in ("uint8", "uint16"):
-                for grey in (False, True):
-                    colour_8_bit = dtype == "uint8" and not grey
-                    pipeline.warm_up((height, width), dtype, grey=grey, compressed=colour_8_bit)
-        except InputError as error:
-            raise InputError(f"cannot warm up with --size {width}x{height}: {error}") from error
+    with compiling(), naming(f"cannot warm up with --size {width}x{height}"):
+        for dtype in ("uint8", "uint16"):
+            for grey in (False, True):
+                colour_8_bit = dtype == "uint8" and not grey
+                pipeline.warm_up((height, width), dtype, grey=grey, compressed=colour_8_bit)
     duration = time.monotonic() - begin
     folder = writable_folder()
     place = f"kept in {folder}" if folder else "kept nowhere: no folder can be written to"
