@@ -181,7 +181,7 @@ def test_nothing_assessed_is_said_first_and_why() -> None:
                             "2023-11-14 22:13:20 to 22:13:23 UTC.")
     assert sentences[1].startswith(
         "Reasons why visibility could not be assessed, with numbers of frames: "
-        "range spread too small (3), that is: all that is seen")
+        "range spread too small (3), that is: everything")
     assert "too dark (1)" in sentences[1]
     assert "%" not in "".join(sentences)
     assert summary.synopsis is not None and summary.synopsis.assessed == 0
