@@ -150,6 +150,25 @@ def test_positions_are_interpolated_and_become_longitude_and_latitude() -> None:
     assert geographic(0.0, 0.0, (60.0, 10.0)) == (10.0, 60.0)
 
 
+@pytest.mark.parametrize("late", [2_000_000_000, 1_500_000_000])
+def test_a_position_out_of_order_is_left_out_and_costs_no_other(late: int) -> None:
+    """One of the same stamp as the last, and one half a second older."""
+    joiner = Joiner(replace(CONFIG, sensor_type="none"), True)
+    for stamp, x in ((1_000_000_000, 0.0), (2_000_000_000, 100.0), (late, 900.0)):
+        list(joiner.add(Position(stamp, False, x, 0.0)))
+    first, second = (next(joiner.add_frame(record(time))) for time in (1.25, 1.75))
+    assert (first.x, second.x) == (25.0, 75.0)
+
+
+def test_positions_that_go_back_by_more_than_a_second_begin_anew() -> None:
+    joiner = Joiner(replace(CONFIG, sensor_type="none"), True)
+    for stamp, x in ((8_000_000_000, 700.0), (9_000_000_000, 800.0), (1_000_000_000, 0.0)):
+        list(joiner.add(Position(stamp, False, x, 0.0)))
+    list(joiner.add(Position(2_000_000_000, False, 100.0, 0.0)))
+    (joined,) = joiner.add_frame(record(1.5))
+    assert joined.x == 50.0
+
+
 def test_a_fix_is_read_and_none_where_there_is_none() -> None:
     header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=5))
     fix = SimpleNamespace(
