@@ -142,3 +142,12 @@ def refusing(what: str, *kinds: type[Exception]) -> Iterator[None]:
     except turned as error:
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         raise InputError(f"{what}: {reason}") from error
+
+
+@contextmanager
+def naming(what: object) -> Iterator[None]:
+    """Let errors begin with the name of the file or option that they are about."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{what}: {error}") from error

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from uw_visibility.commands.options import naming
 from uw_visibility.config.documents import read_document
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, naming
 from uw_visibility.stereo.rig import StereoRig
 
 

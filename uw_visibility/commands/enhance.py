@@ -13,11 +13,11 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from uw_visibility.commands.options import add_transfer, naming, read_params_file
+from uw_visibility.commands.options import add_transfer, read_params_file
 from uw_visibility.config.assumptions import ASK_TRANSFER, assumptions
 from uw_visibility.config.files import Products, gathered, refuse_inputs, sole_writer, write_whole
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.errors import InputError, refusing
+from uw_visibility.errors import InputError, naming, refusing
 from uw_visibility.replay.progress import compiling, say, tell
 from uw_visibility.status import Status
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from uw_visibility.compute.threads import number_of_threads
-from uw_visibility.errors import InputError, needing
+from uw_visibility.errors import InputError, naming, needing
 from uw_visibility.replay.progress import say
 
 if TYPE_CHECKING:
@@ -36,15 +36,6 @@ def of_arguments(
     values = {
         name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
     return kind(**values, **others)
-
-
-@contextmanager
-def naming(what: object) -> Iterator[None]:
-    """Let errors begin with the name of the file or option that they are about."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{what}: {error}") from error
 
 
 def add_transfer(parser: argparse.ArgumentParser) -> None:

@@ -8,6 +8,8 @@ import argparse
 import time
 from pathlib import Path
 
+from uw_visibility.errors import naming
+
 HELP = "compile ahead, for a quick first start"
 DESCRIPTION = """\
 Compile the pipeline's kernels for 8- and 16-bit images, colour and grey, and keep
@@ -36,7 +38,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     Raises `InputError` if the parameters cannot be used, or the size is too small.
     """
-    from uw_visibility.commands.options import naming, read_params_file
+    from uw_visibility.commands.options import read_params_file
     from uw_visibility.config.schema import PipelineConfig
     from uw_visibility.replay.progress import compiling, tell
 

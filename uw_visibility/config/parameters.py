@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from uw_visibility.config.documents import read_document
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, naming
 
 # Parameters of every ROS 2 node, which a dump of a node holds too.
 ROS_PARAMETERS = ("qos_overrides.", "start_type_description_service", "use_sim_time")
@@ -185,10 +185,8 @@ def read_yaml(path: str | Path, node: str | None = None) -> dict[str, Any]:
     for name, parameters in _node_blocks(read_document(path, "parameter file"), "", path):
         if node is not None and not _names(name, node):
             continue
-        try:
+        with naming(f"parameter file {path}"):
             values.update(flatten(parameters))
-        except InputError as error:
-            raise InputError(f"parameter file {path}: {error}") from error
     return {k: v for k, v in values.items() if not k.startswith(ROS_PARAMETERS)}
 
 

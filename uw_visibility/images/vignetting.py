@@ -15,7 +15,7 @@ from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import CameraConfig
-from uw_visibility.errors import InputError
+from uw_visibility.errors import InputError, naming
 from uw_visibility.images.arrays import Array, Image
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.files import read_image
@@ -124,10 +124,8 @@ def _read_field(path: str, transfer: str) -> Array | None:
     """Return a flat field as (H, W, C) relative illumination, full at 1, or None."""
     if not path:
         return None
-    try:
+    with naming("camera.flat_field"):
         image = read_image(path)
-    except InputError as error:
-        raise InputError(f"camera.flat_field: {error}") from error
     planes = to_linear(image, transfer).astype(np.float64)
     planes = planes[..., np.newaxis] if image.ndim == 2 else planes
     # Each channel by its own: the colour of the light on the field is no matter.
