@@ -150,9 +150,10 @@ def write_index(
     all_of_them.read(
         columns, contrast, {base for each in synopses.values() for base in each.baselines})
     names = columns[TRANSECT]
-    recordings = {
-        each: {name: values[names == each] for name, values in columns.items()}
-        for each in synopses}
+    recordings = {}
+    for each in synopses:
+        rows = names == each
+        recordings[each] = {name: values[rows] for name, values in columns.items()}
     places = np.array([list(synopses).index(name) for name in names], np.float64)
     write_page(
         folder / "index.html", "day.html", title=f"Visibility: {title}",

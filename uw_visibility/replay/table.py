@@ -11,7 +11,6 @@ import csv
 import json
 import sys
 from array import array
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -31,11 +30,6 @@ SUFFIX = "-metadata.json"
 _DATATYPES = {"integer": "integer", "number": "double", "datetime": "dateTime"}
 # Codes of `array`.
 _CODES = {"integer": "d", "number": "d", "datetime": "q"}
-_PARSERS: defaultdict[str, Callable[[str], Any]] = defaultdict(
-    # Most texts of a column are one of a few words.
-    lambda: sys.intern,
-    integer=lambda text: float(text or "nan"), number=lambda text: float(text or "nan"),
-    datetime=lambda text: int(np.datetime64(text.removesuffix("Z"), "ns").astype(np.int64)))
 
 
 class TableWriter:
@@ -80,13 +74,24 @@ def read_table(path: Path, columns: Mapping[str, Column]) -> dict[str, NDArray]:
         name: array(_CODES[column.kind]) if column.kind in _CODES else []
         for name, column in columns.items()
     }
+    parsers = {name: _parser(column.kind) for name, column in columns.items()}
     for row in read_rows(path):
         for name, values in found.items():
-            values.append(_PARSERS[columns[name].kind](row[name]))
+            values.append(parsers[name](row[name]))
     return {
         name: np.array(values, object) if isinstance(values, list) else np.array(values)
         for name, values in found.items()
     }
+
+
+def _parser(kind: str) -> Callable[[str], Any]:
+    """Return what turns a cell's text into a value of a column's kind."""
+    if kind in ("integer", "number"):
+        return lambda text: float(text or "nan")
+    if kind == "datetime":
+        return lambda text: int(np.datetime64(text.removesuffix("Z"), "ns").astype(np.int64))
+    # Most texts of a column are one of a few words.
+    return sys.intern
 
 
 def write_dictionary(table: Path, columns: Mapping[str, Column]) -> None:

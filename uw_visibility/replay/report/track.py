@@ -77,7 +77,7 @@ def draw_tracks(recordings: Mapping[str, Columns]) -> list[Markup]:
 
 
 def _track(name: str, columns: Columns, names: tuple[str, str], quantity: str) -> _Track:
-    columns = thin(columns)
+    columns = thin({each: columns[each] for each in ("stamp", *names, quantity)})
     x, y = (columns[axis] for axis in names)
     known = np.isfinite(x) & np.isfinite(y)
     return _Track(name, x[known], y[known], columns[quantity][known])

@@ -20,6 +20,7 @@ from uw_visibility.messages.stamps import iso_time, seconds
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, Column
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.results.provenance import texts_of
+from uw_visibility.replay.table import Columns
 from uw_visibility.water.meaning.derived import DerivedModel
 
 QUANTITIES = (
@@ -44,7 +45,7 @@ def check_exports(options: ReplayOptions) -> None:
 
 
 def write_exports(
-    folder: Path, table: Mapping[str, NDArray], columns: Mapping[str, Column],
+    folder: Path, table: Columns, columns: Mapping[str, Column],
     attributes: Mapping[str, Any], options: ReplayOptions, transects: Sequence[str] = (),
 ) -> None:
     """Write a table, of these columns, in the formats that were asked for.
@@ -66,7 +67,7 @@ def write_exports(
 
 
 def write_geojson(
-    path: Path, table: Mapping[str, NDArray], more: Sequence[str] = ()
+    path: Path, table: Columns, more: Sequence[str] = ()
 ) -> None:
     """Write frames with a longitude and a latitude as points (RFC 7946).
 
@@ -103,7 +104,7 @@ def _value(value: Any) -> float | str | None:
 
 
 def _write_parquet(
-    path: Path, table: Mapping[str, NDArray], columns: Mapping[str, Column],
+    path: Path, table: Columns, columns: Mapping[str, Column],
     attributes: Mapping[str, Any],
 ) -> None:
     """Write a table as Parquet, with what each column is; texts are as in ``frames.csv``."""
@@ -159,7 +160,7 @@ _NAMES = {"datetime": "time", "longitude": "lon", "latitude": "lat", "time": "ti
 
 def write_netcdf(
     path: Path,
-    table: Mapping[str, NDArray],
+    table: Columns,
     columns: Mapping[str, Column],
     attributes: Mapping[str, Any],
     wavelengths: Array,

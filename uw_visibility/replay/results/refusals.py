@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from uw_visibility.plausibility.comparison import Verdict
 from uw_visibility.replay.columns import COLUMNS, FAILED
 from uw_visibility.replay.records import FURTHER, MOST_REASONS
+from uw_visibility.replay.table import Columns
 
 WHOLE_FRAME = "the whole frame"
 DISTANCE, OTHER_CHANNELS = "visibility distance", "visibility distance of all channels"
@@ -40,7 +41,7 @@ class Refusal:
     frames: str  # which, as numbers; not all, where they are many
 
 
-def refusals(columns: Mapping[str, NDArray]) -> list[Refusal]:
+def refusals(columns: Columns) -> list[Refusal]:
     """Return what was not assessable in the frames of a table."""
     found: dict[tuple[str, str], list[int]] = {}
     reasons: Counter[str] = Counter()
@@ -68,7 +69,7 @@ def _frames(places: Sequence[int], numbers: NDArray) -> str:
     return ", ".join(map("-".join, ends)) + (f" and {more} more" if more else "")
 
 
-def _refused(columns: Mapping[str, NDArray], place: int) -> Iterator[tuple[str, str]]:
+def _refused(columns: Columns, place: int) -> Iterator[tuple[str, str]]:
     """Yield quantity and reason of each refusal of a frame."""
     def value(name: str) -> Any:
         return columns[name][place]

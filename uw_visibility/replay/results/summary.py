@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.replay.columns import COLUMNS, FAILED, word
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.refusals import WHOLE_FRAME, Refusal, refusals
 from uw_visibility.replay.results.synopsis import Synopsis, synopsis
-from uw_visibility.replay.table import read_table
+from uw_visibility.replay.table import Columns, read_table
 from uw_visibility.water.series.tracking import TrackingEvent
 
 TAKEN = (TrackingEvent.STARTED, TrackingEvent.UPDATED, TrackingEvent.RESTARTED)
@@ -71,7 +70,7 @@ class Summary:
         return self.counts["status"][FAILED]
 
     def read(
-        self, found: Mapping[str, NDArray], contrast: float, baselines: Collection[float]
+        self, found: Columns, contrast: float, baselines: Collection[float]
     ) -> None:
         """Take what a table says, whole or partial, of one recording or of several.
 

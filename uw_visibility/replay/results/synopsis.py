@@ -6,16 +6,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 import scipy.stats
-from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Array
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, word
+from uw_visibility.replay.table import Columns
 from uw_visibility.water.meaning.derived import DerivedQuantities
 from uw_visibility.water.series.tracking import TrackingEvent
 
@@ -109,7 +109,7 @@ class Synopsis:
 
 
 def synopsis(
-    columns: Mapping[str, NDArray], contrast: float, baselines: Collection[float]
+    columns: Columns, contrast: float, baselines: Collection[float]
 ) -> Synopsis:
     """Summarise the frames of a table.
 
@@ -167,7 +167,7 @@ def _ends(values: Array) -> list[float]:
     return [float(known.min()), float(known.max())] if known.size else []
 
 
-def _quantiles(columns: Mapping[str, NDArray], prefix: str, name: str) -> Array:
+def _quantiles(columns: Columns, prefix: str, name: str) -> Array:
     """Return 16, 50 and 84 % of a quantity in each frame, (n, 3)."""
     ends = [f"{prefix}{name}{end}" for end in ("_low", "", "_high")]
     if ends[0] in columns:
@@ -184,7 +184,7 @@ def apart(low: float, low_stddev: float, high: float, high_stddev: float) -> boo
 
 
 def _extreme(
-    columns: Mapping[str, NDArray], distance: Array, stddev: Array, sign: float
+    columns: Columns, distance: Array, stddev: Array, sign: float
 ) -> Extreme:
     """Return the smallest distance for certain (sign 1), or the largest one (sign -1)."""
     place = int(np.nanargmin(sign * distance + stddev))
