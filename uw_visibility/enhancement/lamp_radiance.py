@@ -87,7 +87,7 @@ def _restore(
 ) -> None:
     """Restore a band of rows, plane by plane, which makes vector code.
 
-    `light` is (Y, 3, X, R, 2); `grain` (3, H, W) is handed on as it is.
+    `light` is (Y, 3, X, R, 2); `grain` (H, 3, W) is handed on as it is.
     """
     width = image.shape[1]
     last_row, last_column = light.shape[0] - 1, light.shape[2] - 1
@@ -134,7 +134,7 @@ def _restore(
                 e, f = (one - fx) * fz, fx * fz
                 gain[x] = -(a * plane[i, k, 0] + b * plane[i + 1, k, 0]
                             + e * plane[i, k + 1, 0] + f * plane[i + 1, k + 1, 0])
-                value[c, x] = decode[image[y, x, c]] - grain[c, y, x] - (
+                value[c, x] = decode[image[y, x, c]] - grain[y, c, x] - (
                     a * plane[i, k, 1] + b * plane[i + 1, k, 1]
                     + e * plane[i, k + 1, 1] + f * plane[i + 1, k + 1, 1])
             for x in range(width):
@@ -151,7 +151,7 @@ def _restore(
                 radiance = value[c, x] + (best - kept[c, x]) * mean
                 radiance = radiance if radiance > zero else zero
                 radiance = radiance if radiance < one else one
-                value[c, x] = (radiance + grain[c, y, x]) * top + half
+                value[c, x] = (radiance + grain[y, c, x]) * top + half
         for c in range(3):
             for x in range(width):
                 enhanced[y, x, c] = (

@@ -15,7 +15,7 @@ from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
-from uw_visibility.enhancement.grain import find_grain
+from uw_visibility.enhancement.grain import REACH, find_grain
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, RangeMap
 from uw_visibility.images.noise import ROUNDING_VARIANCE, noise_stddev
@@ -26,6 +26,8 @@ from uw_visibility.optics.transfer import encode_table, linear_table
 _MOST_VEIL = 0.5
 # Gains are worked out up to so many times `max_gain`; there hardly a part of them is left.
 _BEYOND = 64.0
+# Rows that are restored at once, whole cells of grain: what is kept of them fits a cache.
+_BAND = 128
 # Noise beside detail may have this part of what rounding may: of 0.1 to 1 the largest by which
 # steps of the gain in traced scenes, with noise of one code, are 2 codes (`judge --pictures`).
 _GRAIN = 0.2
@@ -107,24 +109,40 @@ class Restorer:
         """
         planes = as_channels(image, range_map)
         decode = linear_table(self._transfer, image.dtype)
+        encode = encode_table(self._transfer, image.dtype)
         noise = noise_stddev(image) if noise is None else noise
         channels = self._prepare(water, planes.shape[2], noise, decode)
+        enhanced = np.empty(planes.shape, image.dtype)
+        limited = np.zeros(range_map.shape, np.bool_)
+        height = planes.shape[0]
+
+        def restore_bands(start: int, stop: int) -> None:
+            for top in range(start * _BAND, min(stop * _BAND, height), _BAND):
+                band = slice(top, min(top + _BAND, height))
+                above = max(top - REACH, 0)
+                grain = find_grain(planes[above : band.stop + REACH], noise, decode)[top - above :]
+                gain, trust = self._gain(
+                    range_map[band], None if known is None else known[band], channels.attenuation)
+                _restore(
+                    planes[band], gain, trust, decode, encode, *channels[1:], grain,
+                    enhanced[band], limited[band])
+
+        self._workers.rows(restore_bands, -(-height // _BAND))
+        return enhanced.reshape(image.shape), limited
+
+    def _gain(
+        self, range_map: RangeMap, known: NDArray[np.float32] | None, attenuation: Array
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """exp(βd) of each channel, (C, h, w), limited, and what is known of the range, (h, w)."""
         ranged = (range_map >= 0) & (range_map < np.inf)
         trust = np.where(ranged, np.float32(1) if known is None else known, np.float32(0))
         distance = np.where(ranged, range_map, np.float32(0))
         # A range that overflows is beyond the limit, as it is.
         with np.errstate(over="ignore"):
-            thickness = channels.attenuation[:, np.newaxis] * distance.ravel()
+            thickness = attenuation[:, np.newaxis] * distance.ravel()
         # NumPy's minimum and exponential take four times as long.
         thickness = cv2.min(thickness, math.log(_BEYOND * self._max_gain))
-        gain = cv2.exp(thickness).reshape(-1, *range_map.shape)
-        enhanced = np.empty(planes.shape, image.dtype)
-        limited = np.zeros(range_map.shape, np.bool_)
-        self._workers.rows(
-            _restore, planes.shape[0], planes, gain, trust, decode,
-            encode_table(self._transfer, image.dtype), *channels[1:],
-            find_grain(planes, noise, decode), enhanced, limited)
-        return enhanced.reshape(image.shape), limited
+        return np.asarray(cv2.exp(thickness).reshape(-1, *range_map.shape), np.float32), trust
 
     def _prepare(
         self, water: Water, count: int, noise: Array, decode: NDArray[np.float32]
@@ -175,17 +193,17 @@ def as_channels(image: NDArray[np.generic], range_map: RangeMap) -> NDArray[np.g
 
 @njit(nogil=True, error_model="numpy")
 def _restore(
-    start: int, stop: int, image: Any, gain: Any, trust: Any, decode: Any, encode: Any, veil: Any,
+    image: Any, gain: Any, trust: Any, decode: Any, encode: Any, veil: Any,
     light: Any, exposure: Any, noise: Any, veil_error: Any, grain: Any, enhanced: Any, limited: Any,
 ) -> None:
-    """Restore a band of rows: E/X + k (ρ - E/X), ρ = B/W + (E/W - B/W) exp(βd) within 0..1.
+    """Restore rows: E/X + k (ρ - E/X), ρ = B/W + (E/W - B/W) exp(βd) within 0..1.
 
     X is `exposure`, `gain` (C, H, W) is exp(βd), and k is Wiener's part of it: `trust` over
     1 + N exp(2βd) + V (exp(βd) - 1)², with `noise` N and `veil_error` V; with infinite N a
     channel stays as it is.
     What the best channel has more, a channel takes from the mean of all, each counting by its k:
     else the channel that water takes first would turn all that is far into its colour.
-    What is changed is the image without its `grain` (C, H, W), which is handed on as it is.
+    What is changed is the image without its `grain` (H, C, W), which is handed on as it is.
 
     A row is worked on plane by plane in small buffers, since the compiler makes vector code of
     loops over contiguous floats without lookups, branches or calls.
@@ -201,7 +219,7 @@ def _restore(
     half = np.float32(0.5)
     one = np.float32(1)
     zero = np.float32(0)
-    for y in range(start, stop):
+    for y in range(image.shape[0]):
         for x in range(width):
             for c in range(count):
                 seen[c, x] = decode[image[y, x, c]]
@@ -214,7 +232,7 @@ def _restore(
             inverse = one / light[c]
             water = veil[c] / light[c]
             for x in range(width):
-                seen[c, x] -= grain[c, y, x]
+                seen[c, x] -= grain[y, c, x]
                 e = gain[c, y, x]
                 radiance = water + (seen[c, x] * inverse - water) * e
                 radiance = radiance if radiance > zero else zero
@@ -237,7 +255,7 @@ def _restore(
                     limited[y, x] |= k < half
                     plane[x] += (
                         k * (restored[c, x] - plane[x]) + (best[x] - k) * (mean[x] - plane[x]))
-                    plane[x] += grain[c, y, x] * inverse
+                    plane[x] += grain[y, c, x] * inverse
             for x in range(width):
                 plane[x] = plane[x] * top + half
         for x in range(width):
