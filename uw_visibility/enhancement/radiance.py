@@ -131,7 +131,8 @@ class Restorer:
         return enhanced.reshape(image.shape), limited
 
     def _gain(
-        self, range_map: RangeMap, known: NDArray[np.float32] | None, attenuation: Array
+        self, range_map: RangeMap, known: NDArray[np.float32] | None,
+        attenuation: NDArray[np.float32],
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """exp(βd) of each channel, (C, h, w), limited, and what is known of the range, (h, w)."""
         ranged = (range_map >= 0) & (range_map < np.inf)

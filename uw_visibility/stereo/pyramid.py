@@ -118,19 +118,25 @@ class Pyramid:
         """
         if self.factor == 1:
             return small
-        size = small.shape[1] * self.factor, small.shape[0] * self.factor
-        own = cv2.resize(small, size, interpolation=cv2.INTER_NEAREST)
+        factor, (height, width) = self.factor, small.shape
+        size = width * factor, height * factor
+        full = cv2.resize(small, size, interpolation=cv2.INTER_NEAREST)
         smooth = cv2.resize(small, size, interpolation=cv2.INTER_LINEAR)
         # Each pixel lies between the centres of four of the small image.
         beside = np.pad(small, 1, mode="edge")
         corners = beside[:-1, :-1], beside[:-1, 1:], beside[1:, :-1], beside[1:, 1:]
         # False where one of them is not a number.
         even = np.maximum.reduce(corners) - np.minimum.reduce(corners) <= _SURFACE
-        rows, columns = (
-            ((np.arange(n) + 0.5) / self.factor + 0.5).astype(int) for n in own.shape)
-        full = self.factor * np.where(even[rows][:, columns], smooth, own)
+        between = cv2.resize(
+            even.astype(np.uint8), (size[0] + factor, size[1] + factor),
+            interpolation=cv2.INTER_NEAREST)
+        first = (factor + 1) // 2
+        np.copyto(
+            full, smooth,
+            where=between[first : first + size[1], first : first + size[0]].view(np.bool_))
+        full *= np.float32(factor)
         left_over = [(0, n - m) for n, m in zip(self.shape, full.shape, strict=True)]
-        return np.pad(full, left_over, mode="edge")
+        return np.pad(full, left_over, mode="edge") if full.shape != self.shape else full
 
     def upsample_confidence(
         self, small: NDArray[np.float32], disparity: DisparityMap
