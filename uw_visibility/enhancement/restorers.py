@@ -19,10 +19,9 @@ from uw_visibility.optics.light_model import Water
 
 
 class OnnxRestorer:
-    """Restoration by a network (`EnhancementConfig.model`); water and range are not used.
+    """Network (`EnhancementConfig.model`) with `Restorer`'s interface; ignores water and range.
 
-    Has the interface of `Restorer`. Raises `InputError` if the model is missing or unsuitable, see
-    `Network`.
+    Raises `InputError` if the model is missing or unsuitable, see `Network`.
     """
 
     def __init__(self, config: EnhancementConfig, transfer: str, workers: Workers) -> None:
@@ -36,7 +35,7 @@ class OnnxRestorer:
         self, image: Any, range_map: RangeMap, water: Water, noise: PerChannel | None = None,
         known: Any = None, /,
     ) -> tuple[Any, Mask]:
-        """Return the image restored by the network, and a mask that is False: no limited pixels.
+        """Return the image restored by the network, and an empty mask of limited pixels.
 
         Raises `uw_visibility.images.network.NetworkError` if the network fails.
         """
