@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.errors import InputError
-from uw_visibility.images.encoded import BASELINE, MARKER, SCAN, TruncatedError, segments
+from uw_visibility.images.encoded import BASELINE, FRAMES, MARKER, SCAN, TruncatedError, segments
 
 HUFFMAN_TABLES, RESTART_INTERVAL = 0xC4, 0xDD
 CODE_LENGTHS, LONGEST_CODE = 16, 16
@@ -76,7 +76,7 @@ class _ScanReader:
 
     def take(self, kind: int, content: bytes) -> None:
         """Read a segment before a scan; struct.error or LookupError if it is damaged."""
-        if 0xC0 <= kind <= 0xCF and kind not in (HUFFMAN_TABLES, 0xC8, 0xCC):
+        if kind in FRAMES:
             precision, height, width, count = struct.unpack_from(">BHHB", content)
             self.sequential = kind in BASELINE and precision == 8
             self._size = (width, height)
