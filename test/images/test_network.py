@@ -190,7 +190,7 @@ def test_models_of_another_shape_are_refused(
 
 
 @pytest.mark.parametrize("nodes, says", [
-    ([node("Identity", ["left"])], r"gave float32 of shape \(1, 3, 64, 96\); it must give float32"),
+    ([node("Identity", ["left"])], r"gave float32 of shape \(1, 3, 64, 96\): it must give float32"),
     ([node("ReduceMean", ["left"], axes=[1, 2])], "left-referenced disparity, px"),
     ([node("ReduceMean", ["left"], "mean", axes=[1]), node("Cast", ["mean"], to=6)], "gave int32"),
 ])
