@@ -85,5 +85,3 @@ def write_pfm(path: str | Path, values: NDArray[np.float32]) -> None:
     height, width = values.shape
     header = f"Pf\n{width} {height}\n-1.0\n".encode("ascii")
     write_whole(path, header + values[::-1].astype("<f4").tobytes())
-
-
