@@ -22,24 +22,24 @@ from uw_visibility.images.noise import ROUNDING_VARIANCE, noise_stddev
 from uw_visibility.optics.light_model import Water, scene_light_of
 from uw_visibility.optics.transfer import encode_table, linear_table
 
-# Deviation of radiance by that of the veil, as part of white, by which half is restored.
+# Standard deviation of radiance by the veil's error, as part of white, that halves restoration.
 _MOST_VEIL = 0.5
-# Gains are worked out up to so many times `max_gain`; there hardly a part of them is left.
+# Gains are clipped at this multiple of `max_gain`, where less than 0.1 % of restoration is left.
 _BEYOND = 64.0
-# Rows that are restored at once, whole cells of grain: what is kept of them fits a cache.
+# Rows that are restored at once: whole cells of grain, and temporaries that fit a cache.
 _BAND = 128
-# Noise beside detail may have this part of what rounding may: of 0.1 to 1 the largest by which
-# steps of the gain in traced scenes, with noise of one code, are 2 codes (`judge --pictures`).
+# Limit of noise beside detail, as part of `max_noise`: of 0.1 to 1 the largest with which steps of
+# the gain are 2 codes in traced scenes with noise of one code (`judge --pictures`).
 _GRAIN = 0.2
-# However noisy an image, what is near is restored by 1 / (1 + this), that is 0.8.
+# Limit of N by noise: near surfaces get 1 / (1 + this) = 0.8 of restoration in any noise.
 _MOST_NOISE = 0.25
 
 
 class _Channels(NamedTuple):
-    """Attenuation (1/m), veil B, light W and errors of an image's channels, as kernels take them.
+    """Attenuation (1/m), veil B, light W and errors of an image's channels, for kernels.
 
-    `exposure`, `noise` and `veil_error` are X, N and V of `_restore`. A channel that is not
-    assessable stays as it is, by infinite noise. The paper's model is W = B.
+    `exposure`, `noise` and `veil_error` are X, N and V of `_restore`. Infinite noise marks a
+    channel that is not assessable, which stays unchanged. The paper's model is W = B.
     """
 
     attenuation: NDArray[np.float32]
@@ -51,9 +51,9 @@ class _Channels(NamedTuple):
 
 
 class Restorer:
-    """Radiance recovery as images of limited gain (`max_gain` limits exp(βd)); see `restore`.
+    """Radiance recovery with limited gain (`max_gain` limits exp(βd)); see `restore`.
 
-    `transfer` is ``"linear"`` or ``"srgb"``: how pixel values follow light, in and out.
+    `transfer` of input and output is ``"linear"`` or ``"srgb"``.
     """
 
     def __init__(
@@ -76,14 +76,14 @@ class Restorer:
         noise: Array | None = None,
         known: NDArray[np.float32] | None = None,
     ) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
-        """Radiance recovery as an image, as far as noise, veil and range are known (eq. 8).
+        """Recover the radiance (eq. 8), less where noise or errors of veil and range are large.
 
-        Radiance is relative to the light on the scene: 1, a white patch, becomes the
-        largest pixel value. Of what restoration would change, each channel gets the part that
-        Wiener's filter leaves of its gain (Wiener 1949): less where noise or an error of the veil
-        would be amplified. So open water and all whose range is unknown keep their look, and the
-        far fades into it. Grain stays as it is, see `uw_visibility.enhancement.grain`. A channel
-        that is not assessable is handed on as it is.
+        Radiance is relative to the light on the scene: 1, a white patch, becomes the largest pixel
+        value. In each channel the change by restoration is multiplied by the ratio of a Wiener
+        filter's gain to exp(βd) (Wiener 1949), which is smaller where noise or an error of the veil
+        would be amplified. So open water and pixels of unknown range stay unchanged, and far
+        surfaces fade into them. Grain is not amplified, see `uw_visibility.enhancement.grain`.
+        A channel that is not assessable stays unchanged.
 
         Parameters
         ----------
@@ -92,18 +92,18 @@ class Restorer:
         range_map : (H, W) float32 ndarray
             Range along the line of sight, m; unknown where NaN, inf or negative.
         water : Water
-            `attenuation`, `ambient_light` (the veil B) and, where it is another one,
-            `scene_light` (W), one value a channel; `veil_stddev`, where the veil is not exact;
-            `exposure` over that of the camera whose look is kept, where it is another one.
+            `attenuation`, `ambient_light` (the veil B) and, if it differs, `scene_light` (W), one
+            value per channel; `veil_stddev`, if the veil is not exact; `exposure`, relative to the
+            camera whose exposure the result has, if it differs.
         noise : (3,) or (1,) float64 ndarray, optional
             Standard deviation of the image's noise in code values; measured by default.
         known : (H, W) float32 ndarray, optional
-            What is known of the range, 0..1, see `known_range`; all by default.
+            Reliability of the range, 0..1, see `known_range`; 1 by default.
 
         Returns
         -------
         enhanced : ndarray
-            Of the image's shape and type.
+            With the image's shape and type.
         limited : (H, W) bool ndarray
             Where an assessable channel is restored by less than half.
         """
@@ -138,17 +138,17 @@ class Restorer:
         ranged = (range_map >= 0) & (range_map < np.inf)
         trust = np.where(ranged, np.float32(1) if known is None else known, np.float32(0))
         distance = np.where(ranged, range_map, np.float32(0))
-        # A range that overflows is beyond the limit, as it is.
+        # Overflow gives infinity, which is clipped below.
         with np.errstate(over="ignore"):
             thickness = attenuation[:, np.newaxis] * distance.ravel()
-        # NumPy's minimum and exponential take four times as long.
+        # OpenCV's minimum and exponential are four times as fast as NumPy's.
         thickness = cv2.min(thickness, math.log(_BEYOND * self._max_gain))
         return np.asarray(cv2.exp(thickness).reshape(-1, *range_map.shape), np.float32), trust
 
     def _prepare(
         self, water: Water, count: int, noise: Array, decode: NDArray[np.float32]
     ) -> _Channels:
-        """Convert a water's state, and the errors of what it restores, to what kernels take."""
+        """Convert the water's state and the errors of restoration to arrays for kernels."""
         attenuation = np.atleast_1d(np.asarray(water.attenuation, dtype=np.float64))
         veil = np.atleast_1d(np.asarray(water.ambient_light, dtype=np.float64))
         light = np.atleast_1d(scene_light_of(water))
@@ -174,8 +174,8 @@ class Restorer:
 def irradiance_noise(noise: Array, decode: NDArray[np.float32], veil: NDArray[np.float32]) -> Array:
     """Standard deviation of the irradiance near the veil, where gains are large, (C,).
 
-    `noise` is in code values. Rounding counts as noise: amplified, its steps show as bands of
-    false colour.
+    `noise` is in code values. Rounding counts as noise, since amplified it shows as bands of false
+    colour.
     """
     codes = np.sqrt(noise**2 + ROUNDING_VARIANCE)
     at = np.clip(np.searchsorted(decode, veil), 1, decode.size - 1)
@@ -183,7 +183,7 @@ def irradiance_noise(noise: Array, decode: NDArray[np.float32], veil: NDArray[np
 
 
 def as_channels(image: NDArray[np.generic], range_map: RangeMap) -> NDArray[np.generic]:
-    """View an image as (H, W, C), after a check that it fits its range."""
+    """View an image as (H, W, C); refuse one that differs in size from its range map."""
     if image.shape[:2] != range_map.shape:
         raise InputError(
             f"image of shape {image.shape} does not fit a range map of shape {range_map.shape}: "
@@ -199,15 +199,15 @@ def _restore(
 ) -> None:
     """Restore rows: E/X + k (ρ - E/X), ρ = B/W + (E/W - B/W) exp(βd) within 0..1.
 
-    X is `exposure`, `gain` (C, H, W) is exp(βd), and k is Wiener's part of it: `trust` over
-    1 + N exp(2βd) + V (exp(βd) - 1)², with `noise` N and `veil_error` V; with infinite N a
-    channel stays as it is.
-    What the best channel has more, a channel takes from the mean of all, each counting by its k:
-    else the channel that water takes first would turn all that is far into its colour.
-    What is changed is the image without its `grain` (H, C, W), which is handed on as it is.
+    X is `exposure`, `gain` (C, H, W) is exp(βd), and k is `trust` over
+    1 + N exp(2βd) + V (exp(βd) - 1)², with `noise` N and `veil_error` V. A channel with infinite N
+    stays unchanged.
+    A channel moves by the largest k minus its own towards the channels' k-weighted mean radiance:
+    otherwise the most attenuated channel would leave a colour cast on far surfaces.
+    E is the image without its `grain` (H, C, W), which is added again without gain.
 
-    A row is worked on plane by plane in small buffers, since the compiler makes vector code of
-    loops over contiguous floats without lookups, branches or calls.
+    Rows are processed plane by plane in small buffers: the compiler vectorises loops over
+    contiguous floats without lookups, branches or calls.
     """
     width, count = image.shape[1], image.shape[2]
     seen = np.empty((count, width), np.float32)
