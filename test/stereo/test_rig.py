@@ -279,7 +279,7 @@ def test_valid_window_holds_what_the_raw_image_reaches() -> None:
     ({"distortion_model": "spline", "d": [0.1]}, "distortion model 'spline'"),
     ({"d": [0.1, 0.2]}, "2 coefficients in D"),
     ({"d": [math.nan] * 5}, "all finite"),
-    ({"r": [0.5, 0, 0.866, 0, 1, 0, -0.866, 0, 0.5]}, "map all pixels outside of the image"),
+    ({"r": [0.5, 0, 0.866, 0, 1, 0, -0.866, 0, 0.5]}, "map all pixels out of the image"),
 ])
 def test_distortion_that_cannot_be_undone_is_named(changes: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):

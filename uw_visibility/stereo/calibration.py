@@ -207,7 +207,7 @@ def _window(info: CameraInfo) -> tuple[int, int, int, int]:
 
 def matrix_of(info: CameraInfo, name: str) -> Array:
     """Return ``d``, ``k``, ``r`` or ``p`` of a CameraInfo of ROS 1 or ROS 2, flat, row by row."""
-    # ROS 1 names them in capitals.
+    # In ROS 1 the names are in capitals.
     values = getattr(info, name) if hasattr(info, name) else getattr(info, name.upper())
     return np.array(values, np.float64).ravel()
 

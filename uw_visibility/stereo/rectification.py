@@ -40,7 +40,7 @@ class Rectifier:
         self.valid.flags.writeable = False
         if not self.valid.any() or not _inside(*maps[1], self.size).any():
             raise InputError(
-                "R and P of camera_info map all pixels outside of the image: calibrate the pair again"
+                "R and P of camera_info map all pixels out of the image: calibrate the pair again"
             )
         rows, columns = np.flatnonzero(self.valid.any(1)), np.flatnonzero(self.valid.any(0))
         self.valid_window = (
