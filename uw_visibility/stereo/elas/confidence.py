@@ -164,10 +164,10 @@ def _ask(
         at, other = np.uint64(x), np.uint64(x + shift)
         weight = closeness * alike((tone[at] - np.float32(voter_tone[other])) * scale[at])
         # An unmatched voter, NaN, is against the match, too.
-        says = zero if abs(voters[other] - row[at]) <= _STEP else one
-        says += one if voter_denied[other] else zero
+        vote = zero if abs(voters[other] - row[at]) <= _STEP else one
+        vote += one if voter_denied[other] else zero
         total[at] += weight
-        against[at] += weight * says
+        against[at] += weight * vote
 
 
 @njit(nogil=True, error_model="numpy")

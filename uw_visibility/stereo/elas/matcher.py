@@ -52,7 +52,7 @@ _CONFIDENCE, _CONFIDENCE_RISE = 0.51, 0.14
 def settings_in_noise(config: StereoConfig, noise: float) -> StereoConfig:
     """Adapt the matcher's settings to noise; below `LEAST_NOISE` they are the configured ones.
 
-    `noise` is the restored noise of the median pixel, in 8-bit levels of even contrast; see
+    `noise` is the restored noise of the median pixel, in 8-bit levels of normalised contrast; see
     `uw_visibility.stereo.contrast`.
     """
     share = min(max((noise - LEAST_NOISE) / (_FULL_NOISE - LEAST_NOISE), 0.0), 1.0)
