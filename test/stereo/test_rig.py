@@ -124,7 +124,7 @@ def test_what_is_no_number_is_named(name: str, value: Any) -> None:
     arguments: dict[str, Any] = {
         "focal_length": 400.0, "baseline": 0.12, "principal_point": (80.0, 60.0)}
     if name == "principal_point_right" and value is None:
-        return  # that of the left image
+        return  # None means that of the left image
     with pytest.raises(InputError, match=r"(focal length|baseline|principal point) is .*: give"):
         StereoRig(**arguments | {name: value})
 
@@ -248,7 +248,7 @@ def test_reduced_image_is_rectified_as_the_whole_one(factor: int) -> None:
     expected = reduced(rectifier.rectify(raw, raw)[0])
     whole = reduced(255 * rectifier.valid.astype(np.uint8)) == 255
     inside = np.zeros_like(whole)
-    # Beside the border, squares of the raw image are missing in part.
+    # Squares of the raw image are incomplete near the border.
     inside[4:-4, 4:-4] = whole[4:-4, 4:-4]
     assert inside.sum() > 50
     for _ in range(2):

@@ -31,7 +31,7 @@ _LEAST = 0.45
 # Factor by number of channels: this noise is the same in all channels, while `mixed_noise` takes
 # the channels' noise for independent.
 _OF_BRIGHTNESS = {1: 1.0, 3: 1.5}
-# Variance of four pixel values minus four times the value between, for noise of variance 1.
+# Variance of noise of variance 1 after a Laplacian: four neighbours minus four times the pixel.
 _VARIANCE = 20.0
 
 # Side of JPEG's blocks, px, and the largest number of rows in which they are searched.

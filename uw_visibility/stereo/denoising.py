@@ -80,7 +80,7 @@ def _blurred(
     scales[0] = grey
     steps = []
     start, stop = len(grey), 0
-    # Rows of each scale, from the coarsest to the finest: a scale needs those that the next reads.
+    # Rows of each scale, from the coarsest to the finest: the next coarser scale reads all of them.
     for level in range(int(coarsest.max()), max(finest, 1) - 1, -1):
         before = level - 1 if level > max(finest, 1) else 0
         sigma = math.sqrt(_sigma(level) ** 2 - _sigma(before) ** 2)
