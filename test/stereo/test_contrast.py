@@ -11,7 +11,7 @@ from uw_visibility.stereo.contrast import ContrastNormalizer, least_noise_weight
 ATTENUATION = np.array([0.5, 0.3, 0.2])
 AMBIENT = np.array([0.3, 0.7, 0.8])
 SHAPE = (80, 120)
-# Texture from pixel to pixel, as here, would else be measured as noise.
+# Texture of single pixels, as here, would otherwise be measured as noise.
 NO_NOISE = np.zeros(3)
 
 
