@@ -198,7 +198,7 @@ def meeting_of_lines(before: Any, at: Any, after: Any) -> float:
 def _compare(
     left: Any, right: Any, at: int, d: int, first: int, last: int, energy: Any
 ) -> None:
-    """Write the energies of a run of pixels; apart from `_offer`, which becomes vector code so.
+    """Write the energies of a run of pixels; separate, so that `_offer` becomes vector code.
 
     It takes whole rows: counting the references of slices takes numba as long as a short run.
     """

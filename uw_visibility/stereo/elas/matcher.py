@@ -33,7 +33,7 @@ _FULL_NOISE = 6.0
 # Additional neighbours to each side in the last mean of the disparity map: noise moves disparities
 # by a pixel or two, which averages out on a surface.
 _MORE_RADIUS = 5
-# Additional width of gaps that are bridged, px: in noise they are mismatches, not occlusions.
+# Additional width of gaps that are bridged, px: in noise most are mismatches.
 _MORE_GAP = 15
 # Factors on the steps within a segment, which the first mean reduces on surfaces, but not between
 # matches by chance, and on the size of a segment, which may be smaller then.

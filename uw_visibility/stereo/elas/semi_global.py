@@ -26,8 +26,8 @@ from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas.dense import BORDER, meeting_of_lines, plane_prior
 from uw_visibility.stereo.elas.descriptors import MARGIN, Descriptors
 
-# Rows of a strip, and number of rows above it at which its downward path begins. Strips are matched
-# in parallel; they are the same for any number of threads, and so are the disparities.
+# Rows of a strip, which one thread matches, and number of rows above it at which its downward path
+# begins. Strips do not depend on the number of threads, so that disparities do not either.
 _STRIP, _BEFORE = 80, 8
 # Rows of a descriptor's window.
 _ROWS = 2 * MARGIN + 1

@@ -279,9 +279,9 @@ _LATTICE = 8
 _NEIGHBOUR_STEPS = 2
 # Largest difference from its neighbours of a point that the mesh does not need, px.
 _FLAT = np.float32(1.0)
-# Reach of the smoothing to each side, grid points,
+# Reach of the smoothing to each side, grid points.
 _SMOOTHING_STEPS = 8
-# of which every second one is used; all of them are not measurably better.
+# Stride of the smoothing, grid points: 1 is not measurably better.
 _SMOOTHING_STRIDE = 2
 # Largest difference of disparity of neighbours on the same surface, px.
 _SAME_SURFACE = np.float32(3.0)
