@@ -76,6 +76,18 @@ def test_a_recording_in_a_result_is_kept(
         assert f"{res / name.partition('/')[0]}" in told and "move it" in told
 
 
+def test_the_current_folder_is_not_replaced(
+    tmp_path: Path, recording: Path, said: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither it nor one around it: the shell would be left in a folder that is gone."""
+    here = tmp_path / "dives" / "today"
+    here.mkdir(parents=True)
+    monkeypatch.chdir(here)
+    for target in (".", "", "..", here, "../today"):
+        assert "is the current folder or holds it" in said("replay", recording, "-o", target)
+    assert main(["replay", str(recording), "-o", "res", "--jobs", "1"]) == 0
+
+
 def test_a_folder_with_recording_and_result_is_kept(
     res: Path, recording: Path, said: Callable[..., str]
 ) -> None:

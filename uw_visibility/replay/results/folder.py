@@ -50,7 +50,15 @@ def partial_refused(partial: Path) -> InputError:
 
 
 def places_of(target: Path) -> list[Path]:
-    """Return all folders that a run with this target may replace."""
+    """Return all folders that a run with this target may replace.
+
+    Raises `InputError` for the current folder and those that hold it.
+    """
+    here = Path.cwd()
+    if target.resolve() in (here, *here.parents):
+        raise InputError(
+            f"{str(target)!r} is the current folder or holds it: give the results a folder of "
+            "their own")
     partial = partial_of(target)
     return [target, partial, partial.with_name(partial.name + OLD)]
 
