@@ -161,7 +161,7 @@ class NodeCore:
         self.input.synchronizer.reset()
 
     def stop(self, timeout: float) -> bool:
-        """End the worker; returns whether it ended within the timeout (s)."""
+        """Stop the worker; return whether it ended within the timeout (s)."""
         self.deactivate()
         return self.worker.stop(timeout)
 
