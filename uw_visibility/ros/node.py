@@ -17,7 +17,7 @@ class UwVisibilityNode(Node):
 
     def __init__(self) -> None:
         super().__init__("uw_visibility")
-        # Imported here, since the middleware's threads discover other nodes meanwhile.
+        # Imported here: the middleware's threads discover other nodes meanwhile.
         from uw_visibility.ros.core import NodeCore
         from uw_visibility.ros.monitor import DiagnosticsPublisher, FaultLog
         from uw_visibility.ros.parameters import NodeParameters
