@@ -25,7 +25,7 @@ PUBLICATION = {"RMW_FASTRTPS_PUBLICATION_MODE": "ASYNCHRONOUS"}
 
 
 def node_environment(given: Mapping[str, str]) -> dict[str, str]:
-    """Return environment variables to add for the node, unless `given` has any on the topic."""
+    """Return environment variables to add; one in `given` switches its whole group off."""
     added: dict[str, str] = {}
     for variables, others in ((MEMORY, {"GLIBC_TUNABLES"}), (PUBLICATION, set())):
         if not given.keys() & (variables.keys() | others):
