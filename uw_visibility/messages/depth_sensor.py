@@ -73,8 +73,8 @@ def depth_of_pressure(pressure: float, config: PlausibilityConfig) -> float:
     """Return the depth, m, of a pressure in water, Pa; refuse one that looks like mbar."""
     if 0.0 < pressure < MILLIBAR_RATIO * config.surface_pressure:
         raise InputError(
-            f"depth_sensor says {pressure:g} Pa, less than the pressure of air, as if in mbar: "
-            "publish pascals, or set plausibility.surface_pressure to 0 for gauge pressure"
+            f"depth_sensor says {pressure:g} Pa, less than the pressure of air, which looks like "
+            "mbar: publish pascals, or set plausibility.surface_pressure to 0 for gauge pressure"
         )
     return (pressure - config.surface_pressure) / (config.density * STANDARD_GRAVITY)
 
