@@ -50,7 +50,7 @@ def show_one_scene(image: Image, ranges: RangeMap) -> bool:
     if min(np.mean(np.abs(np.diff(logarithm, axis=k)) >= STEP) for k in (0, 1)) < FEWEST_STEPS:
         return True
     steps = np.minimum(_gradient(logarithm) / STEP, 1.0)
-    return _score(_without_local_mean(_edges(light, factor)), _without_local_mean(steps)) > BY_CHANCE
+    return _score(_centred(_edges(light, factor)), _centred(steps)) > BY_CHANCE
 
 
 def _neighbours_alike(light: NDArray[Any]) -> bool:
@@ -97,7 +97,7 @@ def _gradient(values: Array) -> Array:
     return np.hypot(np.diff(values, axis=0)[:, :-1], np.diff(values, axis=1)[:-1])
 
 
-def _without_local_mean(values: Array) -> Array:
+def _centred(values: Array) -> Array:
     """Values minus their local mean; 0 where unknown."""
     known = np.isfinite(values)
     filled = np.where(known, values, 0.0)
