@@ -41,9 +41,9 @@ _FEWEST_DISPARITIES = 24
 # Left and right are exchanged if exchanging them multiplies the matches by more than this.
 _EXCHANGED_RATIO = 1.5
 # Support points are by chance (rows do not correspond, or there is only noise) if exchanging gives
-# more than `_CHANCE_RATIO` of the matches, and they cover less than `_SPARSE` of the grid. The ratio
-# is 0.1 to 0.6 for rendered, real and Middlebury pairs in clear and turbid water with noise; 0.7 to
-# 1.5 for pairs with rows 3 px or more apart, transposed, or of different scenes.
+# more than `_CHANCE_RATIO` of the matches, and they cover less than `_SPARSE` of the grid. That
+# ratio is 0.1 to 0.6 for rendered, real and Middlebury pairs in clear and turbid water with noise,
+# and 0.7 to 1.5 for pairs with rows 3 px or more apart, transposed, or of different scenes.
 _CHANCE_RATIO, _SPARSE = 0.7, 0.05
 # Standard deviation of a disparity between the mesh's points, px.
 _MESH_DEVIATION = 1.0
