@@ -133,7 +133,7 @@ def test_only_what_holds_nothing_else_is_removed(tmp_path: Path) -> None:
     out = tmp_path / "out"
     for foreign in ("notes.txt", "images/notes.txt", "images/sub/a.png", "table.csv.bak"):
         write(out, "mark.json", "table.csv", "images/a.png", foreign)
-        with pytest.raises(InputError, match="is not of what this program writes there"):
+        with pytest.raises(InputError, match="is not a result of this program"):
             ONE.remove(out)
         (out / foreign).unlink()
     with pytest.raises(InputError, match=r"images/sub is not of"):
