@@ -99,7 +99,7 @@ class Taken(NamedTuple):
     # sensor, m²
     variance: float
     sensor_variance: float
-    # change of the sensor's depth since the last update, m; NaN at the first one
+    # change of the sensor's depth since the last update, m; NaN if unknown
     sensor_change: float = math.nan
 
 
