@@ -116,7 +116,7 @@ def _escape_unprintable() -> None:
 
 
 def _complete(parser: argparse.ArgumentParser) -> None:
-    """Complete words for the shell after ``eval "$(register-python-argcomplete uw_visibility)"``."""
+    """Complete words, after ``eval "$(register-python-argcomplete uw_visibility)"`` in a shell."""
     if "_ARGCOMPLETE" not in os.environ:
         return
     with needing("completion", "completion"):
