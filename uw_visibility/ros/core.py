@@ -493,13 +493,13 @@ class PipelineState:
             return Finding(OK, f"{rate:.1f} frames per second; water of a survey: {survey}", values)
         if missing:
             return Finding(WARN, missing, values)
-        said = f"{rate:.1f} frames per second"
+        text = f"{rate:.1f} frames per second"
         share = recent.get("skipped", 0) / max(sum(recent.values()), 1)
         if share > 0.5:
             return Finding(
-                WARN, f"{said}, {share:.0%} of the frames are skipped: lower the camera's rate, or "
+                WARN, f"{text}, {share:.0%} of the frames are skipped: lower the camera's rate, or "
                 "set stereo.reduction", values)
-        return Finding(OK, said, values)
+        return Finding(OK, text, values)
 
     def _missing(self) -> str:
         """Return which estimate of the last frame is not assessable, and why; "" if none."""

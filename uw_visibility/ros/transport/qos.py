@@ -80,14 +80,14 @@ def describe_publishers(node: Node, subscription: Any) -> str:
     publishers = node.get_publishers_info_by_topic(name)
     if not publishers:
         return f"{name} has no publisher"
-    said = f"{name} has {len(publishers)} publisher{'s' * (len(publishers) > 1)}"
+    text = f"{name} has {len(publishers)} publisher{'s' * (len(publishers) > 1)}"
     for info in publishers:
         compatibility, reason = qos_check_compatible(info.qos_profile, subscription.qos_profile)
         if compatibility == QoSCompatibility.ERROR:
             publisher = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
             why = reason.removeprefix("ERROR: ").rstrip("; ")
-            return printable(f"{said}, the QoS of {publisher} is not compatible: {why}")
-    return f"{said}, from which nothing arrives"
+            return printable(f"{text}, the QoS of {publisher} is not compatible: {why}")
+    return f"{text}, from which nothing arrives"
 
 
 def _with_overrides(
