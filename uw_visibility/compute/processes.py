@@ -117,7 +117,7 @@ def _end_with_parent() -> None:
 def process_pool(
     jobs: int, initializer: Callable[..., object], *arguments: Any
 ) -> Iterator[ProcessPoolExecutor]:
-    """Start a pool of `jobs` processes by spawn, since a fork of threads may deadlock.
+    """Start a pool of `jobs` processes by spawn, since forking with threads may deadlock.
 
     Each process first calls the initializer with the arguments. At the end the pool is shut down,
     without pending tasks. Raises `InputError` if processes cannot start or are ended from outside.

@@ -55,7 +55,7 @@ class LightingConfig:
     model: str = parameter(
         "daylight",
         "Light of the scene: daylight, lamps (the vehicle's own, at night or in deep water), "
-        "both, or auto: daylight or lamps, found for each frame.",
+        "both, or auto: daylight or lamps, decided for each frame.",
         choices=("daylight", "lamps", "both", "auto"),
     )
     positions: tuple[float, ...] = parameter(
