@@ -75,7 +75,7 @@ def vector_message(make: MessageFactory, header: Any, values: Iterable[float]) -
 
 
 def depth_message(make: MessageFactory, header: Any, depth: float, variance: float) -> Any:
-    """Make a PoseWithCovarianceStamped with z = −depth, m, and its variance, m²."""
+    """Make a PoseWithCovarianceStamped: z = −depth, m, with its variance, m²; others unmeasured."""
     covariance = UNMEASURED_VARIANCE * np.eye(6)
     covariance[2, 2] = variance
     pose = make(

@@ -85,7 +85,7 @@ class Synchronizer:
         self._sent = {}
 
     def restart(self, now: int) -> None:
-        """Reset after the clock was set back to `now`, ns; count it unless the stamps preceded."""
+        """Reset after the clock was set back to `now`, ns; counted unless the stamps were first."""
         self.restarts += self._last is not None and self._last > now
         self.reset()
 
