@@ -110,7 +110,7 @@ def test_foreign_files_are_kept(
             planted.write_text("mine")
         for option in options:
             told = said("replay", recording, "-o", res.with_name("res"), option)
-            assert f"{planted} is not a result" in told if marked else f"{folder} exists already" in told
+            assert f"{planted} is not" in told if marked else f"{folder} exists already" in told
             assert "another name" in told
         shutil.rmtree(planted) if planted.is_dir() else planted.unlink()
 
