@@ -31,10 +31,10 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import what is asked for, and not before.
+    """Import an attribute's module at first access.
 
-    It takes a second of processor time, which help texts, refused options and the
-    start of ROS would spend too: the wheels of rclpy restart the interpreter.
+    All imports take a second of processor time, which help texts, refused options and
+    the start of ROS do without: the wheels of rclpy restart the interpreter.
     """
     if name == "__version__":
         value = _version()
@@ -47,7 +47,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _version() -> str:
-    """Return the version of the installed package, or "unknown" where it is not installed."""
+    """Return the version of the installed package, or "unknown" if it is not installed."""
     import importlib.metadata
 
     try:

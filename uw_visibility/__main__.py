@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m uw_visibility` is the command line, too."""
+"""Command line by `python -m uw_visibility`."""
 
 from uw_visibility.cli import run
 

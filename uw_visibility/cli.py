@@ -27,19 +27,19 @@ INTERRUPTED, BROKEN_PIPE = 130, 141
 COMMANDS = {"enhance": enhance, "replay": replay, "calibrate": calibrate, "warmup": warmup}
 # Other distributions add commands by entry points of this group.
 GROUP = "uw_visibility.commands"
-# Those of the lab, which need not be installed.
+# Commands of the lab, which may not be installed.
 OF_THE_LAB = ("simulate", "evaluate", "render", "demo", "judge", "train")
 
 
 class _Parser(argparse.ArgumentParser):
-    """Argument parser whose errors are one sentence, like those of all other bad input."""
+    """Argument parser that reports errors as `InputError`, like all other bad input."""
 
     def error(self, message: str) -> NoReturn:
         raise InputError(f"{message} (see {self.prog} --help)")
 
 
 def run() -> NoReturn:
-    """Run the command as a process, where interruptions after the first one change nothing.
+    """Run the command as a process, and ignore interruptions after its end.
 
     While Python exits, a signal would kill the process although its results are complete.
     """
@@ -51,7 +51,7 @@ def run() -> NoReturn:
         finally:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
     except KeyboardInterrupt:
-        # A second one, while the first was reported.
+        # A second interruption, while the first one was reported.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(code)
 
@@ -59,16 +59,17 @@ def run() -> NoReturn:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command.
 
-    argv: arguments; those of the process where absent.
-    Returns 0 when done, 2 for unusable input or options, 1 for a failure inside.
+    argv: arguments; by default those of the process.
+    Returns 0 when done, 2 for unusable input or options, 1 for other errors, 130 when interrupted,
+    141 for a closed output.
     """
     words = list(sys.argv[1:] if argv is None else argv)
-    _take_any_text()
+    _escape_unprintable()
     # Damaged files are reported here in one sentence, not in OpenCV's log.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     try:
         if any("\0" in word for word in words):
-            raise InputError("an argument holds a null character: leave it out")
+            raise InputError("an argument has a null character: remove it")
         if words and words[0] in OF_THE_LAB and words[0] not in commands():
             raise InputError(
                 f"{words[0]} is a command of the lab, which is not installed: pip install ./lab in "
@@ -79,45 +80,43 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments.func(arguments)
         sys.stdout.flush()
     except InputError as error:
-        return _tell(str(error), UNUSABLE)
+        return _fail(str(error), UNUSABLE)
     except KeyboardInterrupt:
-        return _tell("interrupted", INTERRUPTED)
+        return _fail("interrupted", INTERRUPTED)
     except BrokenPipeError:
-        # Whoever read the output has seen enough, as head does; nor is there more to flush.
+        # The reader of the output has closed it, as head does: do not flush the rest at exit.
         sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
         return BROKEN_PIPE
     except MemoryError:
-        return _tell("there is not enough memory: give smaller images, or fewer --jobs", FAILED)
+        return _fail("there is not enough memory: give smaller images, or fewer --jobs", FAILED)
     except OSError as error:
         where = "" if error.filename is None else f"{printable(error.filename)}: "
-        return _tell(f"{where}{error.strerror or error}", FAILED)
+        return _fail(f"{where}{error.strerror or error}", FAILED)
     except Exception as error:
         if "--debug" in words:
             traceback.print_exc()
         reason = printable(" ".join(str(error).split()))
-        return _tell(
+        return _fail(
             f"internal error, {type(error).__name__}: {reason} (--debug shows where)", FAILED
         )
     return DONE
 
 
-def _tell(what: str, code: int) -> int:
-    print(f"uw_visibility: {what}", file=sys.stderr)
+def _fail(message: str, code: int) -> int:
+    """Print an error message; return the exit code."""
+    print(f"uw_visibility: {message}", file=sys.stderr)
     return code
 
 
-def _take_any_text() -> None:
-    """Show file names and topics in any encoding of the terminal."""
+def _escape_unprintable() -> None:
+    """Escape characters of file names and topics that the terminal's encoding does not have."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
 
 
 def _complete(parser: argparse.ArgumentParser) -> None:
-    """Complete words for the shell.
-
-    ``eval "$(register-python-argcomplete uw_visibility)"`` lets it ask.
-    """
+    """Complete words, after ``eval "$(register-python-argcomplete uw_visibility)"`` in a shell."""
     if "_ARGCOMPLETE" not in os.environ:
         return
     with needing("completion", "completion"):
@@ -142,14 +141,14 @@ def make_parser() -> argparse.ArgumentParser:
         command.add_options(subparser)
         subparser.set_defaults(func=command.run)
         subparser.add_argument(
-            "--debug", action="store_true", help="show where an internal error arose"
+            "--debug", action="store_true", help="show the traceback of an internal error"
         )
     return parser
 
 
 @functools.cache
 def commands() -> dict[str, Any]:
-    """Return the commands by name: a module each, with HELP, DESCRIPTION, add_options and run."""
+    """Return the commands by name: modules with HELP, DESCRIPTION, add_options and run."""
     added = {point.name: point for point in entry_points(group=GROUP)}
     names = [name for name in OF_THE_LAB if name in added] + sorted(added.keys() - {*OF_THE_LAB})
     return {**COMMANDS, **{name: added[name].load() for name in names}}
@@ -158,8 +157,8 @@ def commands() -> dict[str, Any]:
 def _repeat_calibration(words: Sequence[str]) -> list[str]:
     """Turn ``--calibration LEFT.yaml RIGHT.yaml`` into two uses of the option.
 
-    argparse knows no option of one or two values: of "one or more" it would
-    take the images that follow as well.
+    argparse has no option of one or two values: "one or more" would include the
+    images that follow.
     """
     repeated: list[str] = []
     for index, word in enumerate(words):

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Error class of bad input, and text from outside as it may be shown."""
+"""Errors of bad input, and sanitising of text from outside."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-# A sentence that names what is wrong and what to do has room in this; a hostile file's has not.
+# Most characters of a message, enough for an error and what to do, and of a name in it.
 LONGEST_MESSAGE = 1000
 LONGEST_NAME = 200
 
@@ -16,16 +16,16 @@ LONGEST_NAME = 200
 def printable(text: object, length: int = LONGEST_NAME) -> str:
     """Return text from outside without control characters and cut to a length.
 
-    Names of topics, frames, encodings, files and keys come from whoever made the
-    file or the message. Escape sequences in them would steer a terminal, line
-    breaks would forge lines of a log, and their length has no bound.
+    Names of topics, frames, encodings, files and keys come from the author of a
+    file or message. Escape sequences in them could control a terminal, line breaks
+    could forge lines of a log, and their length is not limited.
 
-    length: characters kept; of more, the middle is left out.
+    length: most characters; of longer text the middle is left out.
     Returns one line of printable characters.
     """
     whole = str(text)
     if len(whole) > length:
-        # Both ends tell most: of a path the file, of a message what to do.
+        # A path ends with the file, and a message with what to do.
         tail = length // 3
         whole = f"{whole[: length - tail - 1]}…{whole[-tail:]}"
     return "".join(
@@ -38,9 +38,9 @@ _FORMULA = ("=", "+", "-", "@")
 
 
 def cell(value: object) -> object:
-    """Return what a CSV file has for a value: texts that a spreadsheet would run have ' before.
+    """Return a value as a cell of a CSV file; ' precedes text that a spreadsheet would run.
 
-    Names of recordings and frames come from others, and ``=...`` in a cell is a formula.
+    Names of recordings and frames come from outside, and ``=...`` in a cell is a formula.
 
     References
     ----------
@@ -48,7 +48,7 @@ def cell(value: object) -> object:
     """
     if not isinstance(value, str):
         return value
-    # Python's writer leaves it without quotes, and readers take it for the end of a row.
+    # Python's writer does not quote a carriage return, which readers take for the end of a row.
     text = value.replace("\r", " ")
     if not text.lstrip().startswith(_FORMULA):
         return text
@@ -74,7 +74,7 @@ class InputError(ValueError):
     Parameters
     ----------
     message : str
-        May hold text from outside: it is shown as `printable` has it.
+        May contain text from outside, which `printable` sanitises.
     """
 
     def __init__(self, message: str) -> None:
@@ -87,10 +87,10 @@ def check_range(
 ) -> None:
     """Refuse a number, or one of several, that is not within a range.
 
-    values: one finite number, or several, but not none.
+    values: a finite number, or one or more of them.
     low, high: ends of the range, in `unit`.
-    unit: as it follows a number; empty for none.
-    above: whether `low` itself is beyond the range.
+    unit: unit of the numbers; empty for none.
+    above: whether `low` itself is excluded.
     Raises `InputError` naming the range.
     """
     several = isinstance(values, Sequence)
@@ -110,10 +110,10 @@ def check_range(
 
 @contextmanager
 def needing(extra: str, what: str, otherwise: str = "") -> Iterator[None]:
-    """Turn an optional library that is missing into a sentence that names its extra.
+    """Turn the error of a missing optional library into one that names its extra.
 
-    extra: extra of this package, or several with commas, that installs it.
-    otherwise: what can be done instead.
+    extra: extra of this package that installs it, or several, separated by commas.
+    otherwise: text on an alternative, for the end of the message.
     Raises `InputError` if an import within fails.
     """
     try:
@@ -130,9 +130,9 @@ def needing(extra: str, what: str, otherwise: str = "") -> Iterator[None]:
 
 @contextmanager
 def refusing(what: str, *kinds: type[Exception]) -> Iterator[None]:
-    """Turn what a system, or a store of files, refuses into a sentence that begins with `what`.
+    """Turn errors of the system, or of a store of files, into an `InputError` that names `what`.
 
-    Errors of `kinds` are turned, or OSError without any; an `InputError` is a sentence already.
+    `kinds` are the errors that are turned, by default OSError; an `InputError` is unchanged.
     """
     turned = kinds or (OSError,)
     try:
@@ -146,7 +146,7 @@ def refusing(what: str, *kinds: type[Exception]) -> Iterator[None]:
 
 @contextmanager
 def naming(what: object) -> Iterator[None]:
-    """Let errors begin with the name of the file or option that they are about."""
+    """Begin the messages of errors with the name of the file or option."""
     try:
         yield
     except InputError as error:

@@ -8,7 +8,7 @@ from enum import Enum
 class Status(str, Enum):
     """Outcome of an estimate: ``ok``, or the reason why it is not assessable.
 
-    The values are what reports, messages and tables show.
+    Reports, messages, tables and logs contain the values.
     """
 
     OK = "ok"
@@ -70,4 +70,4 @@ REFUTING = frozenset((
     Status.CLEARER_THAN_CLEAR_WATER, Status.OTHER_TRANSFER, Status.NOT_ONE_WATER,
     Status.UNLIKE_TRAINING, Status.NO_COLOUR,
 ))
-"""Reasons by which a frame shows that water, light or camera are not what is assumed."""
+"""Reasons that contradict the assumptions about water, light or camera."""

@@ -133,10 +133,10 @@ def test_only_what_holds_nothing_else_is_removed(tmp_path: Path) -> None:
     out = tmp_path / "out"
     for foreign in ("notes.txt", "images/notes.txt", "images/sub/a.png", "table.csv.bak"):
         write(out, "mark.json", "table.csv", "images/a.png", foreign)
-        with pytest.raises(InputError, match="is not of what this program writes there"):
+        with pytest.raises(InputError, match="is not a result of this program"):
             ONE.remove(out)
         (out / foreign).unlink()
-    with pytest.raises(InputError, match=r"images/sub is not of"):
+    with pytest.raises(InputError, match=r"images/sub is not a result"):
         ONE.remove(out)
     (out / "images" / "sub").rmdir()
     (out / "mark.json").write_text("theirs", encoding="utf-8")
@@ -150,10 +150,10 @@ def test_only_what_holds_nothing_else_is_removed(tmp_path: Path) -> None:
 def test_folders_in_a_folder_need_their_own_mark(tmp_path: Path) -> None:
     out = tmp_path / "out"
     write(out, "all.json", "one/mark.json", "one/table.csv", "two/table.csv")
-    with pytest.raises(InputError, match="two is not of"):
+    with pytest.raises(InputError, match="two is not a result"):
         ALL.remove(out)
     write(out, "two/mark.json", "two/dive.mcap")
-    with pytest.raises(InputError, match=r"two/dive\.mcap is not of"):
+    with pytest.raises(InputError, match=r"two/dive\.mcap is not a result"):
         ALL.remove(out)
     (out / "two" / "dive.mcap").unlink()
     ALL.remove(out)

@@ -56,7 +56,7 @@ def test_it_makes_both_images_of_the_kind_that_came(
 def test_what_does_not_fit_is_refused(negative: Path) -> None:
     with pytest.raises(InputError, match="restorer is 'clahe': give one of radiance, onnx"):
         Pipeline(RIG, config(negative, **{"enhancement.restorer": "clahe"}))
-    with pytest.raises(InputError, match="does not know lamps"):
+    with pytest.raises(InputError, match="does not support lamps"):
         Pipeline(RIG, config(negative, **{
             "lighting.model": "lamps", "lighting.positions": [0.3, 0.0, 0.0]}))
     with pytest.raises(InputError, match="must have 2 of one layout"):

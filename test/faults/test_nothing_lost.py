@@ -93,7 +93,7 @@ def test_a_folder_with_recording_and_result_is_kept(
 ) -> None:
     bag = shutil.copytree(recording, res / "dive")
     assert "would replace the input" in said("replay", bag, "-o", res, "--force")
-    assert f"{res / 'dive'} is not of what" in said("replay", recording, "-o", res, "--force")
+    assert f"{res / 'dive'} is not a result" in said("replay", recording, "-o", res, "--force")
     bag.rename(res.parent / "dive")
     fit = res / "fit_sensor.json"
     fit.write_text('{"/**": {"ros__parameters": {"rectify": false}}}')
@@ -122,7 +122,7 @@ def test_foreign_files_are_kept(
             planted.write_text("mine")
         for option in options:
             told = said("replay", recording, "-o", res.with_name("res"), option)
-            assert f"{planted} is not of" in told if marked else f"{folder} exists already" in told
+            assert f"{planted} is not" in told if marked else f"{folder} exists already" in told
             assert "another name" in told
         shutil.rmtree(planted) if planted.is_dir() else planted.unlink()
 
@@ -281,7 +281,7 @@ def test_simulate_replaces_no_recording_of_a_vehicle(
     assert main([*command, str(simulated)]) == 0
     for name in ("notes.txt", "dive.mcap"):
         (simulated / name).write_text("mine")
-        assert f"{simulated / name} is not of what" in said(*command, simulated)
+        assert f"{simulated / name} is not a result" in said(*command, simulated)
         (simulated / name).unlink()
     hidden = tmp_path / HIDDEN.format("simulated")
     (hidden / "simulated").mkdir(parents=True)

@@ -85,7 +85,7 @@ def test_right_sensor_is_never_accused_and_its_innovations_pass_as_they_say(rate
 def test_jump_is_an_error_within_five_seconds(seed: int, size: float, rate: float) -> None:
     reports = run(round(70 * rate), seed, rate, fault=lambda time: size if time > 60.0 else 0.0)
     assert 60 * rate <= first(reports, Verdict.ERROR) <= 65 * rate
-    assert "a right sensor shows as much at most once in 100 h" in reports[-1].reason
+    assert "a correct sensor shows as much at most once in 100 h" in reports[-1].reason
 
 
 @pytest.mark.parametrize("seed", range(2))

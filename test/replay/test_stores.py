@@ -231,7 +231,7 @@ def test_a_store_loses_nothing_but_results(
     for name in ("one/notes.txt", "one/deep/in.mcap"):
         store.pipe(f"/bucket/{name}", b"mine")
         assert main([*one, "--force"]) == 2
-        assert f"memory://bucket/{name} is not of what" in capsys.readouterr().err
+        assert f"memory://bucket/{name} is not a result" in capsys.readouterr().err
         within = ["replay", f"memory://bucket/{name}", *one[2:], "--force"]
         assert main(within) == 2
         assert "would replace the input memory://bucket/one" in capsys.readouterr().err

@@ -200,7 +200,7 @@ def test_images_like_video_are_asked_about_once_where_no_transfer_is_told(
         for count in (1, 2):
             core.worker.offer(FRAME._replace(left=image, right=image))
             wait(lambda count=count: core.state.processed == count)
-    assert "".join(capfd.readouterr()).count("nothing was told: give --transfer srgb") == times
+    assert "".join(capfd.readouterr()).count("transfer is not set: give --transfer srgb") == times
 
 
 def test_failure_costs_one_frame_and_tells_its_traceback_once(

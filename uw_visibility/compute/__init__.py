@@ -1,3 +1,3 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled kernels, threads and what they need of numerics."""
+"""Compiled kernels, threads, processes and numerics."""

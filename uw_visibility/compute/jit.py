@@ -1,16 +1,16 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels compiled by numba, and kept on disk.
+"""Kernels compiled by numba, with a cache on disk.
 
-Numba's own cache takes a kernel for fresh as long as its own file is unchanged, though
-functions and constants of other modules are compiled into it; it fails on a damaged file
-and on a full disk, ends the process where machine code is damaged, and runs what anybody may
-have written. Here a kernel's file lies in a folder whose name is a digest of all that
-it was made from (`fingerprint`), begins with a digest of its content, and is run from folders
-alone that no other user can write to (`kernel_folder`).
+Numba's own cache takes a kernel for current while its own source file is unchanged, although
+functions and constants of other modules are compiled into it. It fails on a damaged file and on
+a full disk, crashes on damaged machine code, and runs files that anybody may have written. Here
+the folder of a kernel's file is named by a digest of all its sources (`fingerprint`); the file
+begins with a digest of its content, and is loaded only from folders that no other user can
+write to (`kernel_folder`).
 
-Numba's configuration and other packages' caches stay as they are: modules of
-this package take their `njit` from here.
+Numba's configuration and other packages' caches are unchanged: modules of this
+package import `njit` from here.
 """
 
 from __future__ import annotations
@@ -31,8 +31,7 @@ _DIGEST_SIZE = hashlib.sha256().digest_size
 
 @dataclass
 class KernelCounts:
-    """Kernels of this process so far that were found on disk, and that were not and were compiled.
-    """
+    """Numbers of kernels that this process has loaded from disk, and compiled."""
 
     loaded: int = 0
     compiled: int = 0
@@ -44,18 +43,18 @@ counts = KernelCounts()
 def njit(*, cache: bool = True, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function as `numba.njit` does, with this cache in place of numba's.
 
-    Not for functions within functions, whose variables the digest does not know. `cache` says
-    whether to keep the machine code on disk.
+    Not for closures, since the digest does not cover their variables. `cache` is whether to keep
+    the machine code on disk.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        # No kernel is called from C: its wrapper for that is compiled for nothing.
+        # No kernel is called from C, so it needs no wrapper for that.
         kernel = numba.njit(no_cfunc_wrapper=True, **options)(function)
-        # With NUMBA_DISABLE_JIT the function comes back as it is.
+        # With NUMBA_DISABLE_JIT numba returns the function itself.
         if cache and kernel is not function:
             if function.__closure__:
                 raise TypeError(f"{function.__qualname__} uses variables of another function")
-            # Private: numba gives a kernel its own cache (njit's cache=True) or none.
+            # Private: numba's interface offers its own cache (cache=True) or none.
             kernel._cache = KernelCache(function)
         return kernel
 
@@ -63,14 +62,14 @@ def njit(*, cache: bool = True, **options: Any) -> Callable[[Callable[..., Any]]
 
 
 class _Serializer(caching.CompileResultCacheImpl):  # type: ignore[misc]
-    """Numba's bytes of a compiled kernel, without its search for a folder."""
+    """Numba's serialisation of a compiled kernel, without its search for a folder."""
 
     def __init__(self) -> None:
-        """Do nothing: what the base class would find is not used."""
+        """Skip the base class's search for a folder."""
 
 
 class KernelCache:
-    """The files of one kernel, as numba's dispatcher asks for them."""
+    """Cache of one kernel, with the interface that numba's dispatcher calls."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._name = f"{function.__module__}.{function.__qualname__}"
@@ -84,10 +83,10 @@ class KernelCache:
         return None if folder is None else str(folder / self._folder)
 
     def flush(self) -> None:
-        """Keep what was saved: the next kernel of the same kind takes its place."""
+        """Do nothing: a new kernel overwrites the saved one."""
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
-        """Return the machine code for types of arguments, or None where there is none."""
+        """Load the machine code for types of arguments; None if it is not on disk."""
         identity = self._identity(signature, target_context)
         for folder in kernel_folder.folders():
             file = self._file(folder, identity)
@@ -98,11 +97,11 @@ class KernelCache:
                 payload = content[_DIGEST_SIZE:]
                 if content != _sealed(identity, payload):
                     raise ValueError("its content is not what was written")
-                # What machine code refers to in numba's library.
+                # Makes the parts of numba's library available that machine code refers to.
                 target_context.refresh()
                 kernel = self._serializer.rebuild(target_context, pickle.loads(payload))
             except Exception as error:
-                # Whatever it is, the kernel can be compiled.
+                # After any error the kernel can be compiled.
                 log.warning("compiling %s anew: %s is damaged (%s)", self._name, file, error)
                 continue
             counts.loaded += 1
@@ -110,15 +109,15 @@ class KernelCache:
         return None
 
     def save_overload(self, signature: Any, kernel: Any) -> None:
-        """Keep what was compiled; a kernel that cannot be kept works as well."""
+        """Save a compiled kernel; one that cannot be saved still works."""
         counts.compiled += 1
         folder = kernel_folder.writable_folder()
         if folder is None:
             return
         if kernel.library.has_dynamic_globals:
             log.warning(
-                "%s is compiled at every start: it uses addresses, as of a large array that is "
-                "no argument", self._name,
+                "%s is compiled at every start: it uses addresses, such as that of a large array "
+                "that is not an argument", self._name,
             )
             return
         identity = self._identity(signature, kernel.target_context)
@@ -129,7 +128,7 @@ class KernelCache:
             warn_once(f"cannot keep compiled kernels in {folder}: {error.strerror}")
 
     def _identity(self, signature: Any, target_context: Any) -> str:
-        """Return all that tells this machine code from others of the same sources."""
+        """Return what distinguishes this machine code from others of the same sources."""
         processor = target_context.codegen().magic_tuple()
         return f"{self._folder} {self._name} {signature} {processor}"
 

@@ -1,9 +1,9 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Folders of compiled kernels, and what kernels are made from.
+"""Folders of compiled kernels, and digests of the sources of kernels.
 
-A kernel's file is code. It is run only from a folder that the user or root alone can write to;
-root trusts root alone.
+A kernel's file is code. It is loaded only from folders that nobody but the user or root can write
+to; root trusts only root's folders.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 
 from uw_visibility.compute.numba_import import llvmlite, numba
 
-# Other versions of a module's kernels that stay: another checkout's or another setting's.
+# Number of other versions of a module's kernels that are kept, as of other checkouts or settings.
 KEPT_VERSIONS = 2
 
 log = logging.getLogger(__name__)
@@ -35,7 +35,7 @@ _SETTINGS = (
     "DISABLE_INTEL_SVML", "LLVM_REFPRUNE_PASS", "LLVM_REFPRUNE_FLAGS",
 )
 _DIGITS = 16
-# Imports within the package and its lab, those inside of functions too; none is relative.
+# Imports within the package and its lab, also inside functions; none is relative.
 _IMPORT = re.compile(
     rf"^[ \t]*(?:from +(?P<source>{PACKAGE_FOLDER.name}[\w.]*) +import +(?P<names>\([^)]*\)|.*)"
     rf"|import +(?P<module>{PACKAGE_FOLDER.name}[\w.]*))",
@@ -50,9 +50,9 @@ def package_folder() -> Path:
 
 @functools.cache
 def writable_folder() -> Path | None:
-    """Return the folder that kernels are kept in, or None where there is none.
+    """Return the folder in which kernels are saved, or None if there is none.
 
-    It is the first that the user alone can write to, of: ``uw_visibility`` in the user's
+    It is the first one that only the user can write to, of: ``uw_visibility`` in the user's
     ``NUMBA_CACHE_DIR``, the folder beside the sources, and ``uw_visibility`` in the user's folder
     for caches (``XDG_CACHE_HOME``, or else ``~/.cache``).
     """
@@ -62,7 +62,7 @@ def writable_folder() -> Path | None:
             folder.mkdir(mode=0o755, parents=True, exist_ok=True)
             if not _trusted(folder):
                 continue
-            # Permissions do not tell: file systems can be read-only.
+            # Permissions are not enough: the file system may be read-only.
             with tempfile.TemporaryFile(dir=folder):
                 return folder
         except OSError as error:
@@ -78,7 +78,7 @@ def writable_folder() -> Path | None:
 
 @functools.cache
 def folders() -> tuple[Path, ...]:
-    """Return where to look for kernels: what is written to, then what came with the package."""
+    """Return the folders from which kernels are loaded: the writable one, then the package's."""
     writable, package = writable_folder(), package_folder()
     found = [] if writable is None else [writable]
     chosen = writable is not None and writable == _chosen_folder()
@@ -88,7 +88,7 @@ def folders() -> tuple[Path, ...]:
 
 
 def read(file: Path) -> bytes | None:
-    """Return what a file holds, or None where there is none that this user can read."""
+    """Return the content of a file, or None if there is none that this user can read."""
     try:
         return file.read_bytes()
     except (FileNotFoundError, PermissionError):
@@ -96,7 +96,7 @@ def read(file: Path) -> bytes | None:
 
 
 def write(file: Path, content: bytes) -> None:
-    """Write a file of a version's folder at once and whole; make the folder."""
+    """Write a file of a version's folder atomically; create the folder."""
     if not file.parent.exists():
         file.parent.mkdir(mode=0o755, exist_ok=True)
         _remove_old_versions(file.parent)
@@ -113,7 +113,7 @@ def write(file: Path, content: bytes) -> None:
 
 @functools.cache
 def warn_once(message: str) -> None:
-    """Log a warning that many kernels have the cause for."""
+    """Log a warning once, also if many kernels cause it."""
     log.warning(message)
 
 
@@ -131,7 +131,7 @@ def _trusted(folder: Path) -> bool:
 
 
 def _remove_old_versions(folder: Path) -> None:
-    """Delete all but the newest other versions of a module's kernels, and what no module has."""
+    """Delete old versions of a module's kernels, and kernels of modules that are gone."""
     module, _, version = folder.name.rpartition("-")
     others = [
         other for other in folder.parent.glob(f"{module}-{'[0-9a-f]' * len(version)}")
@@ -140,14 +140,14 @@ def _remove_old_versions(folder: Path) -> None:
     newest_first = sorted(others, key=_modified, reverse=True)
     old = newest_first[KEPT_VERSIONS:]
     if folder.parent == package_folder():
-        # Other folders may serve other checkouts, with other modules.
+        # Other folders may be shared with checkouts that have other modules.
         old += [
             other for other in folder.parent.iterdir()
             if other.name.startswith(f"{PACKAGE_FOLDER.name}.")
             and source_of(other.name.rpartition("-")[0]) is None
         ]
     for other in old:
-        # By their names: nothing else that somebody keeps there is removed.
+        # Only kernels and temporary files are removed, by their names.
         with suppress(OSError):
             for kernel in [*other.glob("*.kernel"), *other.glob("tmp????????")]:
                 kernel.unlink(missing_ok=True)
@@ -155,7 +155,7 @@ def _remove_old_versions(folder: Path) -> None:
 
 
 def _modified(folder: Path) -> float:
-    """Return when a folder was written to, s, or 0 where another process has deleted it."""
+    """Return when a folder was written to, s, or 0 if another process has deleted it."""
     try:
         return folder.stat().st_mtime
     except FileNotFoundError:
@@ -163,7 +163,7 @@ def _modified(folder: Path) -> float:
 
 
 def _chosen_folder() -> Path | None:
-    # Not numba's own reading of it, which a file in the current folder may change.
+    # Read here, since a file in the current folder may change numba's value.
     chosen = os.environ.get("NUMBA_CACHE_DIR", "")
     if chosen and not Path(chosen).is_absolute():
         warn_once(
@@ -176,25 +176,25 @@ def _chosen_folder() -> Path | None:
 
 def _user_folder() -> Path | None:
     base = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    # Relative ones are to be ignored: XDG Base Directory Specification.
+    # Relative paths are ignored, as the XDG Base Directory Specification says.
     if base.is_absolute():
         return base / "uw_visibility"
     try:
         home = Path.home()
     except RuntimeError:
-        # A user without an entry, as in containers.
+        # The user has no entry, as in containers.
         return None
     return home / ".cache" / "uw_visibility" if home.is_absolute() else None
 
 
 @functools.cache
 def fingerprint(module: str) -> str:
-    """Return a digest, hexadecimal digits, of what the kernels of a module are compiled from.
+    """Return a digest, hexadecimal digits, of all that the kernels of a module are compiled from.
 
     These are the sources of the module and of all modules of the package that it imports,
     directly or through others, since their functions and constants are compiled in; the
-    package's tables; the versions of Python, numpy, numba and llvmlite; numba's settings. Ask for
-    it when the module is imported: an upgrade may replace files while the old code is in memory.
+    package's tables; the versions of Python, numpy, numba and llvmlite; numba's settings. Call it
+    when the module is imported, since an upgrade may replace files while old code is in memory.
     """
     files: dict[str, Path] = {}
     waiting = [module]
@@ -205,12 +205,12 @@ def fingerprint(module: str) -> str:
             files[name] = file
             waiting += _imports(file)
     sources = [f"{name} {_digest(file)}" for name, file in sorted(files.items())]
-    ingredients = "\n".join([*_surroundings(), *sources])
+    ingredients = "\n".join([*_environment(), *sources])
     return hashlib.sha256(ingredients.encode()).hexdigest()[:_DIGITS]
 
 
 def source_of(module: str) -> Path | None:
-    """Return the file of a module of the package or its lab, or None where there is none."""
+    """Return the file of a module of the package or its lab, or None if there is none."""
     package, *names = module.split(".")
     loaded = sys.modules.get(package) if package.startswith(PACKAGE_FOLDER.name) else None
     if loaded is None or loaded.__file__ is None:
@@ -220,7 +220,7 @@ def source_of(module: str) -> Path | None:
 
 @functools.cache
 def _module_file(package: str, names: tuple[str, ...]) -> Path | None:
-    """Return the file of a module; cached, since each kernel's module asks for all it imports."""
+    """Return the file of a module; cached, since the modules of kernels share many imports."""
     path = Path(package).resolve().parent.joinpath(*names)
     for file in (path.with_suffix(".py"), path / "__init__.py"):
         if file.is_file():
@@ -244,13 +244,13 @@ def _digest(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-def _surroundings() -> Iterator[str]:
+def _environment() -> Iterator[str]:
     yield f"python {sys.version}"
     for library in (np, numba, llvmlite):
         yield f"{library.__name__} {library.__version__}"
     for name in _SETTINGS:
         yield f"{name} {getattr(numba.config, name, None)!r}"
-    # How a kernel's file is laid out.
+    # The format of kernel files.
     yield _digest(PACKAGE_FOLDER / "compute" / "jit.py")
     for table in sorted((PACKAGE_FOLDER / "data").glob("*.csv")):
         yield f"{table.name} {_digest(table)}"

@@ -1,12 +1,11 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Imports numba without settings from the current folder.
+"""Import of numba that ignores settings in the current folder.
 
 Numba reads ``.numba_config.yaml`` from the current folder, when it is imported and before
-each compilation. Who works in a folder that came from elsewhere, such as a downloaded
-recording, would run kernels as its author says, or none. Environment variables ``NUMBA_*``
-hold as they do elsewhere. Who imports numba before this package has chosen, and keeps it.
-The package imports it from here alone.
+each compilation. In a folder from elsewhere, such as a downloaded recording, this file could
+change or disable kernels. Environment variables ``NUMBA_*`` apply as usual. If numba was
+imported before this package, its settings are kept. The package imports numba only from here.
 """
 
 from __future__ import annotations
@@ -20,8 +19,8 @@ _SETTINGS_FILE = Path(".numba_config.yaml")
 
 
 def _elsewhere() -> contextlib.AbstractContextManager[None]:
-    """Leave the current folder while numba is imported, if that is what it would read."""
-    # lexists: a link may lead anywhere by the time that it is read.
+    """Leave the current folder while numba is imported, if it has a file of settings."""
+    # lexists, since the target of a link may appear before numba reads it.
     if os.path.lexists(_SETTINGS_FILE):
         return contextlib.chdir(Path(__file__).parent)
     return contextlib.nullcontext()
@@ -38,7 +37,7 @@ with _elsewhere() if _first else contextlib.nullcontext():
     from numba.extending import intrinsic, register_jitable
 
 if _first:
-    # Private: numba has no other way to say that there is no file of settings.
+    # Private: numba has no other way to switch the file of settings off.
     config._config_fname = os.devnull
 
 __all__ = [

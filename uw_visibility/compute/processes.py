@@ -1,9 +1,9 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Processes beside this one that import nothing from the current folder.
+"""Pools of processes that import nothing from the current folder.
 
-Python starts them by ``-c`` and ``-m``, which put the current folder first among the places
-of modules: a ``multiprocessing.py`` that lies in a downloaded recording would run in each.
+Python starts processes by ``-c`` and ``-m``, which put the current folder first in the search path
+of modules: a ``multiprocessing.py`` in a downloaded recording would run in each of them.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ SAFE_PATH = {"PYTHONSAFEPATH": "1"}
 
 
 class _Pool(ProcessPoolExecutor):
-    """Pool whose processes start together, and can be ended."""
+    """Process pool that starts all processes at once, and can terminate them."""
 
     def __init__(self, jobs: int, *arguments: Any, **named: Any) -> None:
         super().__init__(jobs, *arguments, **named)
         self.jobs = jobs
-        # A private name of Python's, for which there is no public one: all processes start
-        # before the thread that watches them, as where they are forked. It iterates over
-        # them when one ends, and fails with a traceback where another is added meanwhile.
+        # Private, since Python has no public name for it: all processes start before the
+        # thread that watches them, as with fork. When a process ends, this thread iterates
+        # over all of them, and fails with a traceback if another one is added meanwhile.
         self._safe_to_dynamically_spawn_children = False
 
     def start(self) -> None:
-        """Start the processes.
+        """Start all processes.
 
         Raises `InputError` if the system refuses one.
         """
@@ -44,46 +44,46 @@ class _Pool(ProcessPoolExecutor):
             with _interrupted_later():
                 self.submit(os.getpid)
         except OSError as error:
-            # Nothing watches those that were started before.
+            # No thread watches the processes that have started.
             self.end()
             raise InputError(
                 f"cannot start {self.jobs} processes, {error}: give fewer with --jobs"
             ) from error
 
     def end(self) -> None:
-        """End the processes, whatever they are at."""
+        """Terminate all processes, also busy ones."""
         for process in list((self._processes or {}).values()):
             process.terminate()
 
 
 @contextmanager
 def _interrupted_later() -> Iterator[None]:
-    """Put an interruption off to the end, and let processes that are started take none.
+    """Delay Ctrl-C in this process until the end, and block it in processes that start.
 
-    Ctrl-C reaches every process of a terminal. One that is still importing would answer with
-    a traceback; with the signal blocked, which is inherited, it goes on until this process
-    ends it. Nor must this process leave it without what it is told to do.
+    Ctrl-C reaches every process of a terminal. One that is still importing would print a
+    traceback; with the signal blocked, which it inherits, it runs until this process ends it.
+    This process must not be interrupted before it has told a new one what to do.
     """
     handler = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or handler is None:
-        # No other thread is interrupted; and a handler that is not Python's is not known.
+        # Only the main thread is interrupted; a handler that is not Python's is unknown.
         yield
         return
-    came: list[int] = []
-    signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    received: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _: received.append(number))
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         signal.signal(signal.SIGINT, handler)
-    if came:
+    if received:
         signal.raise_signal(signal.SIGINT)
 
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Let Python start without the current folder among the places of modules."""
+    """Start Python processes without the current folder in the search path of modules."""
     before = {name: os.environ.get(name) for name in SAFE_PATH}
     os.environ.update(SAFE_PATH)
     try:
@@ -97,15 +97,15 @@ def _safe_path() -> Iterator[None]:
 
 
 def _begin(initializer: Callable[..., object], *arguments: Any) -> None:
-    """Prepare a process of the pool."""
+    """Initialise a process of the pool."""
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
     initializer(*arguments)
 
 
 def _end_with_parent() -> None:
-    """End this process with the one that started it, however that ends.
+    """End this process when its parent has ended.
 
-    One that is killed tells nobody, and its pool would wait for tasks for ever.
+    A parent that is killed cannot end its pool, which would wait for tasks for ever.
     """
     parent = parent_process()
     if parent is not None:
@@ -117,14 +117,14 @@ def _end_with_parent() -> None:
 def process_pool(
     jobs: int, initializer: Callable[..., object], *arguments: Any
 ) -> Iterator[ProcessPoolExecutor]:
-    """Start so many processes anew: a fork of one that has threads may never answer.
+    """Start a pool of `jobs` processes by spawn, since forking with threads may deadlock.
 
-    Each calls the initializer first, with the arguments. The pool is shut down at the end, without
-    what has not begun. InputError if they cannot be started, or one of them was ended from outside.
+    Each process first calls the initializer with the arguments. At the end the pool is shut down,
+    without pending tasks. Raises `InputError` if processes cannot start or are ended from outside.
     """
     with _safe_path():
-        # Of Python's processes one starts here, that keeps account of what they share, and it
-        # takes the signal's block back: so the pool's own are started apart from it.
+        # Python's resource tracker starts here and unblocks the signal, so the processes of the
+        # pool are started separately.
         with _interrupted_later():
             pool = _Pool(
                 jobs, get_context("spawn"), initializer=_begin, initargs=(initializer, *arguments)
@@ -133,12 +133,12 @@ def process_pool(
             pool.start()
             yield pool
         except KeyboardInterrupt:
-            # Compiling takes a minute, which nobody who interrupts wants to wait for.
+            # Do not wait for a compilation, which may take a minute.
             pool.end()
             raise
         except BrokenProcessPool as error:
             raise InputError(
-                "a process that works on frames was ended from outside, as where memory is "
+                "a process that works on frames was ended from outside, perhaps because memory is "
                 "short: give fewer with --jobs"
             ) from error
         finally:

@@ -20,7 +20,7 @@ def median_deviation(residuals: NDArray[np.floating]) -> float:
 
 
 def charbonnier_weight(residual: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Weight by Charbonnier's loss of residuals over their scale."""
+    """Weights by Charbonnier's loss, for residuals divided by their scale."""
     return np.asarray(1.0 / np.sqrt(1.0 + residual**2))
 
 

@@ -1,11 +1,11 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Threads for kernels that release the GIL: bands of rows, in a pool that lives on.
+"""Thread pool for kernels that release the GIL: they run over bands of rows.
 
 Numba's own parallel loops are not used: their default threading layer ends the
-process when two Python threads enter it at once, which a node's worker and a
-user's thread may well do. A band of rows is computed alone, so results do not
-depend on how many threads there are.
+process when two Python threads enter it at once, as a node's worker and a user's
+thread may do. Bands are computed independently, so that results do not depend on
+the number of threads.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ _BANDS_PER_THREAD = 3
 
 
 def number_of_threads(threads: int) -> int:
-    """Return how many threads a parameter stands for: 0 takes one per processor allowed."""
+    """Return the number of threads of a parameter: 0 stands for one per processor allowed."""
     if threads:
         return threads
-    # Linux knows which of them this process may use, as in a container or under taskset.
+    # Linux limits the processors of a process, as in a container or under taskset.
     allowed = getattr(os, "sched_getaffinity", None)
     return len(allowed(0)) if allowed else os.cpu_count() or 1
 
@@ -35,9 +35,9 @@ def use_one_thread() -> None:
     """Let OpenBLAS use one thread here and in child processes, unless the user has chosen.
 
     Frames and rows are already shared among processors, and OpenBLAS's threads wait for each other
-    actively: where others have the processors, the decomposition of a matrix of 4000x60 takes 1 s
-    of processor time with two threads and 0.01 s with one. OpenBLAS reads the variable when it is
-    loaded: call this before NumPy is imported.
+    actively: on busy processors, the decomposition of a 4000x60 matrix takes 1 s of processor time
+    with two threads and 0.01 s with one. OpenBLAS reads the variable when it is loaded: call this
+    before NumPy is imported.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -59,8 +59,7 @@ class Workers:
         # late leaves its bands to the others.
         bands = min(count, _BANDS_PER_THREAD * self.threads)
         edges = [count * i // bands for i in range(bands + 1)]
-        # Taking the next number is one step of the interpreter, so that no two
-        # threads get the same.
+        # Taking the next number is atomic, so that no two threads get the same one.
         taken = itertools.count()
 
         def work() -> None:
@@ -82,10 +81,10 @@ class Workers:
     def together(
         self, first: Callable[[], First], second: Callable[[], Second]
     ) -> tuple[First, Second]:
-        """Run two calls that do not need one another's results, at once where threads allow.
+        """Run two independent calls, in parallel if a thread is free.
 
-        Either may use `rows`: what finds no thread free is done by its caller. The calling
-        thread runs the first. If both raise, what the first raises is seen.
+        Either may use `rows`, whose caller does the work of threads that are not free. The
+        calling thread runs the first. If both raise, the exception of the first is raised.
         """
         if self._pool is None:
             return first(), second()
@@ -93,7 +92,7 @@ class Workers:
         try:
             found = first()
         finally:
-            # One that has not begun is run here, unless the first failed.
+            # If the second has not begun, it runs here, unless the first has failed.
             begun = not helper.cancel()
             if begun:
                 wait([helper])

@@ -1,13 +1,13 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What an estimate rests on that no image shows, in words."""
+"""Text on assumptions about camera and light, which images do not show."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from typing import Any
 
-# Parameters that are told, with what they say.
+# Parameters that the text names, with their titles.
 _ASSUMED = {
     "camera.transfer": "transfer",
     "camera.white_reference": "white at the surface",
@@ -17,8 +17,8 @@ _ASSUMED = {
 }
 ASK_TRANSFER = (
     "The images are compressed or 8-bit colour, as video and JPEG are, whose pixels are usually "
-    "sRGB. They are taken as linear, because nothing was told: give --transfer srgb, or --transfer "
-    "linear (parameter camera.transfer).")
+    "sRGB. They are taken as linear, since the transfer is not set: give --transfer srgb, or "
+    "--transfer linear (parameter camera.transfer).")
 
 
 def like_video(message: Any) -> bool:
@@ -30,9 +30,9 @@ def like_video(message: Any) -> bool:
 def assumptions(
     parameters: Mapping[str, Any], told: Collection[str], baselines: Collection[float] = ()
 ) -> str:
-    """Name the camera and the light that an estimate assumes.
+    """Return a sentence on the camera and the light that an estimate assumes.
 
-    told: names of those that the user gave; the others are defaults.
+    told: names of the parameters that the user set; others have their defaults.
     baselines: smallest and largest distance of the cameras by their calibration, m.
     """
     parts = []

@@ -22,7 +22,7 @@ LONGEST_NUMBER = 100
 def read_document(path: str | Path, what: str) -> Any:
     """Read a file of JSON, by its suffix, or else of YAML.
 
-    Raises `InputError` if it cannot be read as `parse_yaml` or `parse_json` does; names the file.
+    Raises `InputError`, which names the file, if it cannot be read or parsed.
     """
     content = read_regular(path, MOST_BYTES, what)
     is_json = Path(path).suffix.lower() == ".json"
@@ -36,17 +36,17 @@ def read_document(path: str | Path, what: str) -> Any:
 
 
 def parse_yaml(text: str) -> Any:
-    """Parse YAML, with what ROS 2's own parser takes: no aliases, no tags of programs.
+    """Parse YAML as ROS 2's own parser accepts it: without aliases and tags of programs.
 
     Raises `InputError` if it is not YAML, is nested deeper than `DEEPEST`, repeats a key, refers to
     another part of itself, or holds an integer beyond 64 bit.
     """
-    # Imported here, since --help needs none of it.
+    # Imported here, since --help does not need it.
     import yaml
 
     parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        # A pass without recursion first: what comes after it follows the nesting.
+        # The first pass does not recurse and limits the nesting; loading recurses.
         _check_events(yaml, yaml.parse(text, Loader=parser))
         return yaml.load(text, Loader=_loader(yaml, parser))
     except InputError:
@@ -83,7 +83,7 @@ def _loader(yaml: Any, parser: Any) -> Any:
                     if key.value in seen:
                         raise InputError(
                             f"line {key.start_mark.line + 1} gives {key.value!r} a second time: "
-                            "leave one of them"
+                            "remove one of them"
                         )
                     seen.add(key.value)
             return super().construct_mapping(node, deep)
@@ -129,7 +129,7 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     content: dict[str, Any] = {}
     for name, value in pairs:
         if name in content:
-            raise InputError(f"it gives {name!r} twice: leave one of them")
+            raise InputError(f"it gives {name!r} twice: remove one of them")
         content[name] = value
     return content
 
@@ -148,4 +148,4 @@ def _check_integer(value: int) -> None:
 
 
 def _refuse(word: str) -> None:
-    raise InputError(f"it has {word}, which is no number of JSON")
+    raise InputError(f"it has {word}, which is not a number in JSON")

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of files within limits; results appear complete, and replace only earlier results."""
+"""Reading of files within limits; atomic writing of results, which replace only earlier ones."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from uw_visibility.errors import InputError, refusing
 PARTIAL = ".partial"
 WORK_MARK = ".uw_visibility"
 """Mark of the temporary folders in which results are written."""
-# File systems allow 255 bytes to a name.
+# File systems limit names to 255 bytes.
 LONGEST_STEM = 60
-# Digits that make the name of what is being written a new one (`aside_of`).
+# Random digits in the names of temporary files and folders (`aside_of`).
 _DIGITS = 12
 _ASIDE = re.compile(rf"\.(.+)\.[0-9a-f]{{{_DIGITS}}}{re.escape(PARTIAL)}")
 # Bytes of a mark that are searched for `keys`.
@@ -37,9 +37,9 @@ class Products:
 
     mark: file that every such folder has.
     files: patterns of the others, relative to the folder; a folder in it ends with ``/``.
-    what: what a folder without the mark is told to be, such as ``no replay``.
-    keys: texts of which a mark holds one; none where its name tells enough.
-    folders: what every other folder in it holds.
+    what: description of a folder without the mark in errors, such as ``no replay``.
+    keys: texts, one of which the mark contains; empty if the mark's name is enough.
+    folders: products of every other folder in it.
     """
 
     mark: str
@@ -49,7 +49,7 @@ class Products:
     folders: Products | None = None
 
     def includes(self, name: str) -> bool:
-        """Return whether a name, relative to the folder, is one of a product."""
+        """Return whether a name, relative to the folder, is that of a product."""
         *parents, last = name.split("/")
         aside = _ASIDE.fullmatch(last)
         parts = [*parents, last if aside is None else aside[1]]
@@ -58,7 +58,7 @@ class Products:
             for pattern in (text.split("/") for text in (glob.escape(self.mark), *self.files)))
 
     def foreign(self, names: Iterable[str]) -> str | None:
-        """Return the first name that is of no product, or None; folders' names end with ``/``."""
+        """Return the first name that is not a product's, or None; folders end with ``/``."""
         within: dict[str, list[str]] = {}
         for name in names:
             folder, slash, rest = name.partition("/")
@@ -76,7 +76,7 @@ class Products:
         return None
 
     def marks(self, folder: Path) -> bool:
-        """Return whether a folder, and no link to one, has the mark."""
+        """Return whether a folder, which must not be a link, has the mark."""
         mark = folder / self.mark
         if folder.is_symlink() or mark.is_symlink() or not mark.is_file():
             return False
@@ -89,24 +89,24 @@ class Products:
         self.check_names(folder, _names(folder), self.marks(folder))
 
     def check_names(self, folder: Path | str, names: Iterable[str], marked: bool) -> None:
-        """Refuse as `check` does a folder, or one of a store, by the names of all that it holds."""
+        """Refuse a folder, also one of a store, as `check` does, by all names in it."""
         listed = list(names)
         if listed and not marked:
             raise InputError(f"{folder} exists already and is {self.what}: give another name")
         foreign = self.foreign(listed)
         if foreign is not None:
             raise InputError(
-                f"{folder}/{foreign.rstrip('/@')} is not of what this program writes there: "
+                f"{folder}/{foreign.rstrip('/@')} is not a result of this program: "
                 "move it, or give another name")
 
     def remove(self, folder: Path) -> None:
         """Remove a folder, each of its files by name; an empty one needs no mark.
 
-        A folder with a foreign file is refused. A file that appears meanwhile stays (OSError).
+        A folder with a foreign file is refused. A file that appears meanwhile is kept (OSError).
         """
         names = list(_names(folder))
         self.check_names(folder, names, self.marks(folder))
-        # A mark goes last of its folder, so that what a killed run leaves is known again.
+        # The mark is the last file removed, so that the remains of a killed run are recognised.
         marks = {self.mark, "" if self.folders is None else self.folders.mark}
         for name in sorted(names, reverse=True, key=lambda name: [
             (part not in marks, part) for part in name.rstrip("/").split("/")
@@ -119,7 +119,7 @@ class Products:
         folder.rmdir()
 
     def check_room(self, folder: Path, *, force: bool) -> None:
-        """Refuse to write where a product would replace a file; with force, a foreign one only."""
+        """Refuse to replace files by products; with `force`, refuse for foreign files only."""
         there = self.present(folder)
         if not there:
             return
@@ -156,7 +156,7 @@ def _names(folder: Path, within: str = "") -> Iterator[str]:
 
 
 def refuse_inputs(inputs: Iterable[Path | str | None], places: Iterable[Path | str]) -> None:
-    """Refuse places to be replaced in which an input of the run lies; paths, or URLs."""
+    """Refuse to replace places that contain an input of the run; paths or URLs."""
     taken = [(place, _parts(place)) for place in places]
     for given in inputs:
         if given is None:
@@ -186,10 +186,10 @@ def identity(folder: Path) -> tuple[int, int] | None:
 def read_regular(path: str | Path, most: int, what: str = "file") -> bytes:
     """Read a regular file.
 
-    A pipe or a device would make the reader wait for ever, or never end.
+    A pipe or a device could block the reader, or have no end.
 
-    most: bytes that are read at most.
-    Raises `InputError` if it cannot be read, is no regular file, or is larger; names the file.
+    most: largest size, bytes.
+    Raises `InputError`, which names the file, if it cannot be read, is not regular, or is larger.
     """
     with refusing(f"cannot read {what} {path}"):
         check_regular(path, what)
@@ -206,8 +206,8 @@ def read_regular(path: str | Path, most: int, what: str = "file") -> bytes:
 
 
 def check_regular(path: str | Path, what: str = "file") -> None:
-    """Refuse what is no regular file, without opening it."""
-    # ValueError: names that hold a null character.
+    """Refuse anything but a regular file, without opening it."""
+    # ValueError: names with a null character.
     with refusing(f"cannot read {what} {path}", OSError, ValueError):
         mode = Path(path).stat().st_mode
     if stat.S_ISDIR(mode):
@@ -219,11 +219,11 @@ def check_regular(path: str | Path, what: str = "file") -> None:
 def write_whole(path: str | Path, content: bytes | str) -> None:
     """Write a file that appears under its name when all of it is on the disk.
 
-    Raises `InputError` if it cannot be written, as on a full disk; an older file is left as it was.
+    Raises `InputError` if it cannot be written, as on a full disk; an older file is unchanged then.
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
     with refusing(f"cannot write {path}", OSError, ValueError):
-        # A symbolic link stays; its target is replaced.
+        # A symbolic link is kept; its target is replaced.
         target = Path(os.path.realpath(path))
         if target.exists() and not target.is_file():
             raise InputError(f"cannot write {path}: it is no regular file")
@@ -240,12 +240,12 @@ def write_whole(path: str | Path, content: bytes | str) -> None:
 
 
 def aside_of(target: Path) -> Path:
-    """Return a new hidden name beside a file or folder, for writing."""
+    """Return a unique hidden name beside a file or folder, to write under."""
     return target.with_name(f".{target.name[:LONGEST_STEM]}.{new_name()}{PARTIAL}")
 
 
 def new_name() -> str:
-    """Return a random name that nothing has yet."""
+    """Return a random name, which is unique."""
     return uuid.uuid4().hex[:_DIGITS]
 
 
@@ -260,7 +260,7 @@ def in_work(products: Products, within: str = "") -> Products:
 
 @contextmanager
 def work_folder(folder: Path, products: Products) -> Iterator[Path]:
-    """Make a temporary folder for results, and remove what is left in it at the end."""
+    """Make a temporary folder for results, and remove it with its remains at the end."""
     folder.mkdir(parents=True)
     try:
         (folder / WORK_MARK).touch()
@@ -274,9 +274,9 @@ def work_folder(folder: Path, products: Products) -> Iterator[Path]:
 def gathered(folder: Path, products: Products, *, force: bool) -> Iterator[Path]:
     """Yield a temporary folder; its files are moved to `folder` when all are written.
 
-    Earlier products there are replaced (with `force`), other files stay. The mark tells that
-    results are complete: it is removed first and moved last. Where something cannot be written, or
-    a foreign file has appeared under the name of a result (`InputError`), nothing is replaced.
+    Earlier products there are replaced (with `force`), other files are kept. The mark shows that
+    results are complete: it is removed first and moved last. If something cannot be written, or a
+    foreign file has appeared under the name of a result (`InputError`), nothing is replaced.
     """
     work, name = in_work(products), new_name()
     with refusing(f"cannot write to folder {folder}"):
@@ -317,7 +317,7 @@ def check_replaced(target: Path, products: Products, before: tuple[int, int] | N
     found = identity(target)
     other = target.is_symlink() or (target.exists() and not target.is_dir())
     if other or found not in (None, before):
-        raise InputError(f"something else has come to {target} meanwhile: move it")
+        raise InputError(f"another file or folder has appeared at {target} meanwhile: move it")
     if found is not None:
         products.check(target)
 
@@ -332,7 +332,7 @@ def _tidy(folder: Path, stem: str, *kinds: Products) -> None:
 
 
 def lock_of(target: Path) -> Path:
-    """Return where the lock of a folder or file of results is: beside it, if that can be."""
+    """Return the lock of a folder or file of results: beside it if possible, otherwise in it."""
     place = Path(os.path.realpath(target))
     name = f".{place.name[:LONGEST_STEM]}.lock"
     # The parent folder may be read-only.
@@ -342,7 +342,7 @@ def lock_of(target: Path) -> Path:
 
 @contextmanager
 def sole_writer(target: Path, *left: Products) -> Iterator[None]:
-    """Lock a folder or file of results for this process; its parent is made where missing.
+    """Lock a folder or file of results for this process; create its parent if missing.
 
     Hidden temporary folders of killed runs beside it that hold the products `left` are removed.
     """
@@ -359,7 +359,7 @@ def sole_writer(target: Path, *left: Products) -> Iterator[None]:
         _tidy(lock.parent, lock.stem, *left)
         yield
     finally:
-        # Unlinked while locked: another process that has opened it tries again.
+        # Unlinked while locked, so that another process that has opened it tries again.
         with suppress(OSError):
             lock.unlink()
         os.close(descriptor)
@@ -373,14 +373,14 @@ def _locked(lock: Path) -> int:
             if os.fstat(descriptor).st_ino == lock.stat().st_ino:
                 return descriptor
         except FileNotFoundError:
-            # The run before ended between the two calls.
+            # The previous run has removed it between the two calls.
             pass
         except BlockingIOError:
             os.close(descriptor)
             raise
         except OSError as error:
             if error.errno in (errno.ENOTSUP, errno.ENOLCK, errno.ENOSYS):
-                # Some network file systems know no locks: work goes on without one.
+                # Some network file systems have no locks: continue without one.
                 return descriptor
             os.close(descriptor)
             raise

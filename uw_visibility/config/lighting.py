@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the light: daylight, or lamps with places and beams."""
+"""Parameters of the light: daylight, or lamps with their positions and beams."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ T = TypeVar("T")
 Vector = tuple[float, float, float]
 
 MOST_LAMPS = 16
-# Closer lamps scatter without bound into the camera (m).
+# Least distance of a lamp from the camera, m: close to it, scattered light has no bound.
 LEAST_DISTANCE = 0.01
 ISOTROPIC = 360.0
 
 
 class Lamp(NamedTuple):
-    """Place, axis, beam and colour of one lamp."""
+    """Position, axis, beam and colour of one lamp."""
 
     position: Vector  # in the left camera's optical frame (x right, y down, z forward), m
     direction: Vector  # axis of the beam in that frame, of length 1
     # full angle between the directions of half the power, degrees: relative power is ``exp(-ln 2 (2
-    # θ / beam_angle)²)`` at θ from the axis. 360 for alike in all directions.
+    # θ / beam_angle)²)`` at θ from the axis. 360 for an isotropic lamp.
     beam_angle: float
     colour: Vector  # relative power in R, G, B, as the camera sees it
 
     @property
     def falloff(self) -> float:
-        """Coefficient k of the beam's shape exp(-k θ²), 1/rad²; 0 = alike in all directions."""
+        """Coefficient k of the beam's shape exp(-k θ²), 1/rad²; 0 for an isotropic lamp."""
         return beam_falloff(self.beam_angle)
 
 
 def beam_falloff(angle: float) -> float:
-    """Return `Lamp.falloff` of a beam's full angle, degrees; 0 or 360 for all directions."""
+    """Return `Lamp.falloff` of a beam's full angle, degrees; 0 or 360 for an isotropic lamp."""
     if angle in (0.0, ISOTROPIC):
         return 0.0
     return math.log(2.0) * (2.0 / math.radians(angle)) ** 2
@@ -47,46 +47,46 @@ def beam_falloff(angle: float) -> float:
 
 @dataclass(frozen=True)
 class LightingConfig:
-    """What lights the scene: daylight, the vehicle's lamps, both, or either.
+    """Light of the scene: daylight, the vehicle's lamps, both, or either.
 
-    Raises `InputError` if lamps light the scene and their parameters do not fit one another.
+    Raises `InputError` if lamps light the scene and their parameters are inconsistent.
     """
 
     model: str = parameter(
         "daylight",
-        "What lights the scene: daylight, lamps (the vehicle's own, at night or in the deep), "
-        "both, or auto: daylight or lamps, as each frame looks.",
+        "Light of the scene: daylight, lamps (the vehicle's own, at night or in deep water), "
+        "both, or auto: daylight or lamps, decided for each frame.",
         choices=("daylight", "lamps", "both", "auto"),
     )
     positions: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0),
-        "Where the lamps are: x, y, z of each, one after the other, in the left camera's "
-        "optical frame (x right, y down, z forward, of the rectified camera). To be given with "
+        "Positions of the lamps: x, y, z of each, one after the other, in the left camera's "
+        "optical frame (x right, y down, z forward, of the rectified camera). Required for "
         "lamps; see the drawing in docs/lamps.md.",
         unit="m", minimum=-20.0, maximum=20.0, repeats=True,
     )
     directions: tuple[float, ...] = parameter(
         (0.0, 0.0, 1.0),
-        "Where the lamps point: x, y, z of each beam's axis in the same frame, of any length; "
-        "three numbers are for all lamps.",
+        "Directions of the lamps: x, y, z of each beam's axis in the same frame, of any length; "
+        "three numbers apply to all lamps.",
         minimum=-1e3, maximum=1e3, repeats=True,
     )
     beam_angles: tuple[float, ...] = parameter(
         (90.0,),
-        "Full angle of each beam, between the directions of half the power; 0 or 360 for a "
-        "lamp that shines alike in all directions. One number is for all lamps.",
+        "Full angle of each beam, between the directions of half the power; 0 or 360 for an "
+        "isotropic lamp. One number applies to all lamps.",
         unit="degrees", minimum=0.0, maximum=360.0, repeats=True,
     )
     colours: tuple[float, ...] = parameter(
         (1.0, 1.0, 1.0),
-        "Relative power of each lamp in R, G, B as the camera sees it; three numbers are for "
-        "all lamps. The scale is free, what one lamp has over another is not.",
+        "Relative power of each lamp in R, G, B as the camera sees it; three numbers apply to "
+        "all lamps. A factor common to all lamps has no effect.",
         minimum=0.0, maximum=1e3, repeats=True,
     )
 
     position_stddev: float = parameter(
-        0.02, "Standard deviation of the lamps' places, of each coordinate: goes into that of "
-        "the estimates.", unit="m", minimum=0.0, maximum=1.0,
+        0.02, "Standard deviation of each coordinate of the lamps' positions; it is part of "
+        "that of the estimates.", unit="m", minimum=0.0, maximum=1.0,
     )
     direction_stddev: float = parameter(
         2.0, "Standard deviation of the lamps' directions.", unit="degrees", minimum=0.0,
@@ -94,28 +94,28 @@ class LightingConfig:
     )
 
     def __post_init__(self) -> None:
-        # Not checked in daylight: a node's parameters may be set one by one.
+        # Not checked by daylight, since a node's parameters may be set one by one.
         if self.model != "daylight":
             tuple(self.lamps())
 
     def lamps(self) -> Iterator[Lamp]:
-        """Yield the lamps, axes of length 1.
+        """Yield the lamps, with axes of length 1.
 
-        Raises `InputError` if the parameters do not fit one another.
+        Raises `InputError` if the parameters are inconsistent.
         """
         positions = _triples(self.positions)
         count = len(positions)
         if count > MOST_LAMPS:
             raise InputError(
-                f"parameter lighting.positions holds {count} lamps: give {MOST_LAMPS} at most")
+                f"parameter lighting.positions has {count} lamps: give {MOST_LAMPS} at most")
         directions = _for_all("directions", _triples(self.directions), count)
         angles = _for_all("beam_angles", self.beam_angles, count)
         colours = _for_all("colours", _triples(self.colours), count)
         for i, position in enumerate(positions):
             if math.hypot(*position) < LEAST_DISTANCE:
                 raise InputError(
-                    f"parameter lighting.positions puts lamp {i + 1} at {position}, into the "
-                    "left camera itself: give x, y, z of each lamp in that camera's frame, in m"
+                    f"parameter lighting.positions puts lamp {i + 1} at {position}, inside the "
+                    "left camera: give x, y, z of each lamp in that camera's frame, in m"
                 )
             length = math.hypot(*directions[i])
             if length == 0:
@@ -138,7 +138,7 @@ def _triples(values: tuple[float, ...]) -> tuple[Vector, ...]:
 
 
 def _for_all(name: str, values: tuple[T, ...], count: int) -> tuple[T, ...]:
-    """Return a value for each lamp; a single one is for all."""
+    """Return a value for each lamp; a single one applies to all."""
     if len(values) == 1:
         return values * count
     if len(values) != count:

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameter files of some values; ``tools/write_parameters`` writes that of all."""
+"""Parameter files with some values; ``tools/write_parameters`` writes the complete one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WIDTH = 100
 def render_values(values: Mapping[str, Any], comment: str) -> str:
     """Return a parameter file with some values.
 
-    comment: what they are, for the first lines.
+    comment: text of the first lines.
     """
     nested: dict[str, Any] = {}
     for name, value in values.items():

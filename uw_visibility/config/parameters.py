@@ -26,20 +26,20 @@ class ParameterInfo:
 
     name: str  # dotted name, as in the YAML file and on the node
     type: type  # one of bool, int, float, str, or tuple for a list of floats
-    default: Any  # value where nothing is given
+    default: Any  # value if none is given
     description: str  # one sentence
-    unit: str = ""  # unit, or "" where there is none
+    unit: str = ""  # "" for none
     # minimum, maximum: inclusive bounds of a number
     minimum: float | None = None
     maximum: float | None = None
-    choices: tuple[str, ...] = ()  # the words allowed, or () where any is
+    choices: tuple[str, ...] = ()  # the allowed words, or () for any
     read_only: bool = False  # whether a change needs a restart of the node
-    repeats: bool = False  # whether a list may hold what the default holds several times over
+    repeats: bool = False  # whether a list's length may be a multiple of the default's
 
     def check(self, value: Any) -> Any:
-        """Convert a value to the parameter's type, or say why it cannot be.
+        """Convert a value to the parameter's type, and check it.
 
-        Returns the value, of the parameter's type.
+        Returns the converted value.
         Raises `InputError` if type, bounds or choice do not fit; names the parameter.
         """
         value = self._of_type(value)
@@ -60,8 +60,8 @@ class ParameterInfo:
     def numeric(self, value: Any) -> Any:
         """Convert text and integers to floats where the parameter is a float or a list.
 
-        ``ros2 param`` takes 5 for an integer and, by YAML 1.1, 1e-05 for a text, with which its
-        own dumps would not load. rclpy gives numbers as a typed array.
+        ``ros2 param`` reads 5 as an integer and, by YAML 1.1, 1e-05 as a text, so that its own
+        dumps would not load. rclpy gives lists of numbers as a typed array.
         """
         try:
             if self.type is float and _is_number(value):
@@ -71,7 +71,7 @@ class ParameterInfo:
                 if all(map(_is_number, parts)):
                     return [float(each) for each in parts]
         except (OverflowError, TypeError, ValueError):
-            # `check` says what is wrong.
+            # `check` reports the error.
             pass
         return value
 
@@ -96,13 +96,13 @@ class ParameterInfo:
 def parameter(default: Any, description: str, **facts: Any) -> Any:
     """Declare a described parameter as a dataclass field.
 
-    **facts: unit, bounds and what else `ParameterInfo` has of it, by the names there.
+    **facts: unit, bounds and other fields of `ParameterInfo`.
     """
     return dataclasses.field(default=default, metadata={"description": description, **facts})
 
 
 def section(group: type) -> Any:
-    """Declare a nested group of parameters, held with its defaults."""
+    """Declare a nested group of parameters with its defaults."""
     return dataclasses.field(default_factory=group)
 
 
@@ -121,15 +121,15 @@ def describe(group: type, prefix: str = "") -> tuple[ParameterInfo, ...]:
 
 
 def _group_of(field: Any) -> Any:
-    """Return the group that a field of `section` holds; None for that of a `parameter`."""
+    """Return the group of a field made by `section`; None for one made by `parameter`."""
     return None if field.default_factory is dataclasses.MISSING else field.default_factory
 
 
 def build(group: type, values: Mapping[str, Any], prefix: str = "") -> Any:
     """Make a dataclass of parameters from dotted names.
 
-    values: values by dotted name; what is absent keeps its default, and other names do nothing
-        (`check_names`).
+    values: values by dotted name; absent ones keep their defaults, and unknown names are ignored
+        (see `check_names`).
     Raises `InputError` if a value is not allowed.
     """
     infos = {info.name: info for info in describe(group, prefix)}
@@ -144,7 +144,7 @@ def build(group: type, values: Mapping[str, Any], prefix: str = "") -> Any:
 
 
 def check_names(given: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse names that are not known, with the nearest one that is."""
+    """Refuse unknown names, and suggest the nearest known one."""
     names = set(known)
     for name in given:
         if name not in names:
@@ -155,7 +155,7 @@ def check_names(given: Iterable[str], known: Iterable[str]) -> None:
 def flatten(values: Any, prefix: str = "") -> dict[str, Any]:
     """Return a dataclass, or nested mappings, as one mapping by dotted name.
 
-    Raises `InputError` if a name comes twice, once nested and once with dots.
+    Raises `InputError` if a name appears twice, once nested and once with dots.
     """
     if dataclasses.is_dataclass(values):
         values = {f.name: getattr(values, f.name) for f in dataclasses.fields(values)}
@@ -167,7 +167,7 @@ def flatten(values: Any, prefix: str = "") -> dict[str, Any]:
             inside = {f"{prefix}{name}": value}
         twice = sorted(inside.keys() & flat.keys())
         if twice:
-            raise InputError(f"parameter {twice[0]} is given twice: leave one of them")
+            raise InputError(f"parameter {twice[0]} is given twice: remove one of them")
         flat.update(inside)
     return flat
 
@@ -175,10 +175,10 @@ def flatten(values: Any, prefix: str = "") -> dict[str, Any]:
 def read_yaml(path: str | Path, node: str | None = None) -> dict[str, Any]:
     """Read a ROS 2 parameter file as values by dotted name.
 
-    The form is that of ``ros2 param dump``: a node's name (or ``/**``), perhaps under
+    The form is that of ``ros2 param dump``: a node's name (or ``/**``), optionally below
     namespaces, then ``ros__parameters``, then the values, nested or with dots.
 
-    node: full name of a node, such as ``/auv/uw_visibility``, whose values are wanted alone.
+    node: full name of a node, such as ``/auv/uw_visibility``; only its values are returned.
     Raises `InputError` if the file cannot be read or has another form.
     """
     values: dict[str, Any] = {}
@@ -208,7 +208,7 @@ def _node_blocks(
 
 
 def _names(pattern: str, node: str) -> bool:
-    """Return whether a name of a parameter file stands for a node: * any part, ** any parts."""
+    """Return whether a name in a parameter file matches a node: * is any part, ** any parts."""
     parts = "".join(
         "(/[^/]+)*" if part == "**" else "/" + re.escape(part).replace(r"\*", "[^/]*")
         for part in pattern.strip("/").split("/")

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameter schema of the pipeline and the node: default, unit, bounds, description.
 
-`config/uw_visibility.yaml` holds the same names and defaults; the node and the
-command read that form.
+`config/uw_visibility.yaml` has the same names and defaults; node and command
+read files of that form.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class CameraConfig:
 
     transfer: str = parameter(
         "linear",
-        "How pixel values follow light: linear, or encoded with the sRGB curve. Without a value "
-        "it is linear, and compressed or 8-bit colour images are asked about.",
+        "Relation of pixel values to light: linear, or encoded with the sRGB curve. If it is not "
+        "set, linear is assumed, with a warning for compressed or 8-bit colour images.",
         choices=("linear", "srgb"),
     )
     response: str = parameter(
@@ -54,15 +54,14 @@ class CameraConfig:
     vignetting: tuple[float, float, float] = parameter(
         (0.0, 0.0, 0.0),
         "Relative illumination of the images is 1 + a r^2 + b r^4 + c r^6, with r the distance "
-        "from the principal point over half of the diagonal: a, b, c. Zeros leave images as "
-        "they are.",
+        "from the principal point over half of the diagonal: a, b, c. Zeros for no correction.",
         minimum=-10.0,
         maximum=10.0,
     )
     flat_field: str = parameter(
         "",
-        "Path of an image of an evenly lit surface, of the size of the rectified images, which "
-        "takes the place of vignetting; empty for none.",
+        "Path of an image of an evenly lit surface, of the size of the rectified images, to be "
+        "used instead of vignetting; empty for none.",
     )
     flat_field_right: str = parameter(
         "", "The right camera's flat field; empty for the same as the left one's.",
@@ -81,22 +80,22 @@ class CameraConfig:
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """What a model in ONNX does not say of itself, and what runs it."""
+    """Properties of an ONNX network that its file does not state, and its execution."""
 
     model: str = parameter(
         "", "Path of the network, an ONNX file; for matcher or restorer onnx only.",
     )
     providers: str = parameter(
-        "cpu", "What runs the network: of tensorrt, cuda, openvino and cpu those wanted, with "
-        "commas between them. An operator runs on the first that has it.",
+        "cpu", "Execution providers of the network: a list of tensorrt, cuda, openvino and cpu, "
+        "separated by commas. Each operator runs on the first one that supports it.",
     )
     pixel_values: str = parameter(
-        "0..1", "Pixel values that the network takes, black to white; imagenet takes 0..1 less "
-        "ImageNet's mean, over its standard deviation.",
+        "0..1", "Range of the network's pixel values, black to white; imagenet is 0..1, minus "
+        "ImageNet's mean, divided by its standard deviation.",
         choices=("0..1", "0..255", "-1..1", "imagenet"),
     )
     size_multiple: int = parameter(
-        32, "A network that takes any size gets images that are padded to multiples of this.",
+        32, "Images for a network without a fixed size are padded to multiples of this.",
         unit="px", minimum=1, maximum=512,
     )
     large_images: str = parameter(
@@ -105,54 +104,53 @@ class NetworkConfig:
         choices=("resized", "tiled"),
     )
     time_limit: float = parameter(
-        5.0, "A run of the network that takes longer is ended, and its frame is lost.",
+        5.0, "Longest run of the network; a longer one is ended, and its frame is lost.",
         unit="s", minimum=0.01, maximum=600.0,
     )
     network_memory: float = parameter(
-        0.5, "Memory of the computer, not of a device, that all networks of the process take at "
-        "most; a network that needs more fails. The same in both sections.",
+        0.5, "Limit of the computer's memory, not a device's, for all networks of the process; "
+        "a network that needs more fails. It must be the same in both sections.",
         unit="GiB", minimum=0.0625, maximum=256.0, read_only=True,
     )
 
 
 @dataclass(frozen=True)
 class StereoConfig(NetworkConfig):
-    """The stereo matcher (Geiger, Roser and Urtasun, ACCV 2010), or a network of one's own."""
+    """The stereo matcher (Geiger, Roser and Urtasun, ACCV 2010), or a user's network."""
 
     matcher: str = parameter(
-        "elas", "What matches every pixel in step 2: elas, or onnx for the network in "
-        "stereo.model.",
+        "elas", "Dense matcher of step 2: elas, or onnx for the network in stereo.model.",
     )
     network_images: str = parameter(
         "raw", "Images that the network matches: raw, or with their contrast restored.",
         choices=("raw", "restored"),
     )
     network_check: bool = parameter(
-        True, "The network also matches the mirrored pair, and both views are compared: takes "
-        "twice the time, removes mismatches, and gives the confidence.",
+        True, "The network also matches the mirrored pair, and both views are compared: this "
+        "takes twice the time, removes mismatches, and gives the confidence.",
     )
     max_disparity: int = parameter(
         0,
-        "Largest disparity searched; 0 takes a quarter of the image's width.",
+        "Largest disparity searched; 0 for a quarter of the image's width.",
         unit="px", minimum=0, maximum=1024,
     )
     min_disparity: int = parameter(
         0, "Smallest disparity searched.", unit="px", minimum=0, maximum=1000,
     )
     reduction: int = parameter(
-        1, "Pixels are averaged in squares of this side before matching and estimation; the "
-        "published images and the disparity keep their size. 2 is for small computers.",
+        1, "Side of the squares of pixels that are averaged before matching and estimation; "
+        "published images and disparity keep their size. 2 is for small computers.",
         unit="px", minimum=1, maximum=4,
     )
     support_step: int = parameter(
-        5, "Distance of the grid points that may become support points.",
+        5, "Spacing of the grid of points that may become support points.",
         unit="px", minimum=2, maximum=50,
     )
     support_texture: int = parameter(
         10, "Least sum of gradient responses at a support point.", minimum=0, maximum=2000,
     )
     support_uniqueness: float = parameter(
-        0.9, "A support point's best cost is at most this times its second best.",
+        0.9, "Largest ratio of a support point's best cost to its second best.",
         minimum=0.1, maximum=1.0,
     )
     consistency_cells: int = parameter(
@@ -160,14 +158,14 @@ class StereoConfig(NetworkConfig):
         minimum=1, maximum=20,
     )
     consistency_disparity: float = parameter(
-        2.0, "Difference up to which two support points agree.",
+        2.0, "Largest difference of two support points that agree.",
         unit="px", minimum=0.0, maximum=100.0,
     )
     consistency_count: int = parameter(
-        5, "Neighbours that must agree with a support point.", minimum=0, maximum=400,
+        5, "Least number of neighbours that agree with a support point.", minimum=0, maximum=400,
     )
     plane_radius: int = parameter(
-        1, "Distance from the mesh's plane up to which disparities are tried.",
+        1, "Largest distance from the mesh's plane of disparities that are tried.",
         unit="px", minimum=0, maximum=20,
     )
     plane_deviation: float = parameter(
@@ -175,11 +173,11 @@ class StereoConfig(NetworkConfig):
         unit="px", minimum=0.1, maximum=20.0,
     )
     prior_outlier: float = parameter(
-        3.0, "Weight of disparities off the plane, against 1 on it.",
+        3.0, "Weight of disparities off the plane, relative to those on it.",
         minimum=1e-3, maximum=1e3,
     )
     likelihood_weight: float = parameter(
-        0.007, "Weight of a unit of descriptor difference against the prior.",
+        0.007, "Weight of a unit of descriptor difference, relative to the prior.",
         minimum=1e-4, maximum=1.0,
     )
     left_right_tolerance: int = parameter(
@@ -200,16 +198,16 @@ class StereoConfig(NetworkConfig):
     )
     min_confidence: float = parameter(
         0.0, "Least probability that a disparity is within 1 px of the truth; others are "
-        "unmatched. 0.5 keeps what is more likely right than wrong. In noise at least 0.42 to 0.59 "
-        "is asked, the more the noisier.",
+        "unmatched. 0.5 keeps matches that are more likely right than wrong. For noisy images the "
+        "limit is at least 0.42 to 0.59, rising with noise.",
         minimum=0.0, maximum=0.99,
     )
     gap_width: int = parameter(
-        7, "Width of the gaps in the disparity map that are bridged.",
+        7, "Largest width of gaps in the disparity map that are interpolated.",
         unit="px", minimum=0, maximum=100,
     )
     gap_difference: float = parameter(
-        3.0, "Difference of a gap's two sides up to which it is interpolated.",
+        3.0, "Largest difference of the two sides of a gap that is interpolated.",
         unit="px", minimum=0.0, maximum=100.0,
     )
     smoothing_radius: int = parameter(
@@ -217,7 +215,7 @@ class StereoConfig(NetworkConfig):
         unit="px", minimum=0, maximum=30,
     )
     smoothing_difference: float = parameter(
-        3.0, "Difference of disparity from which a neighbour is another surface.",
+        3.0, "Difference of disparity above which a neighbour is on another surface.",
         unit="px", minimum=0.1, maximum=30.0,
     )
 
@@ -228,20 +226,20 @@ class WaterConfig:
 
     veil: str = parameter(
         "free",
-        "Veil, what the water adds, and light on the scene: free (each of its own; networks "
-        "that were trained on random views infer both and attenuation), or paper (one ambient "
-        "light for both, by a fit, for water that is lit as the scene is; more precise where "
-        "that holds).",
+        "Model of the veil (light that the water adds) and of the light on the scene: free "
+        "(independent; networks trained on random views infer both and the attenuation), or "
+        "paper (one ambient light for both, by a fit; more precise if water and scene have the "
+        "same light).",
         choices=("free", "paper"),
     )
     min_range_ratio: float = parameter(
-        1.25, "Smallest ratio of the farthest to the nearest range that is assessed.",
+        1.25, "Least ratio of the farthest to the nearest range for an estimate.",
         minimum=1.0, maximum=10.0,
     )
     daylight_tolerance: float = parameter(
-        0.15, "How far the ambient light's colour is expected from that of daylight below "
-        "water of assessment.water_type, as seen by camera.white_reference, as part of each "
-        "channel; 10 expects nothing.", minimum=0.01, maximum=10.0,
+        0.15, "Relative standard deviation of the ambient light's colour from that of daylight "
+        "below water of assessment.water_type, as seen with camera.white_reference, for "
+        "water.veil paper only; 10 for no prior.", minimum=0.01, maximum=10.0,
     )
 
 
@@ -255,8 +253,8 @@ class AssessmentConfig:
     )
     water_type: str = parameter(
         "clear",
-        "Water above the camera, whose attenuation tells how daylight's colour follows depth: "
-        "clear sea water, a Jerlov type, or as estimated from each frame.",
+        "Water above the camera, whose attenuation determines the colour of daylight at a "
+        "depth: clear sea water, a Jerlov type, or as estimated from each frame.",
         choices=("clear", "IB", "II", "III", "1C", "3C", "5C", "estimated"),
     )
     max_depth: float = parameter(
@@ -269,69 +267,70 @@ class TrackingConfig:
     """Kalman filter of the water's state over frames."""
 
     enabled: bool = parameter(
-        True, "Filter the estimates of frames that come with a stamp.",
+        True, "Filter the estimates over frames, if these have stamps.",
     )
     turbidity_rate: float = parameter(
-        0.02, "How fast attenuation wanders, as part of itself.",
+        0.02, "Rate of the random walk of attenuation, relative to it.",
         unit="1/s^0.5", minimum=1e-4, maximum=10.0,
     )
     unseen_rate: float = parameter(
-        0.06, "How fast attenuation may change, as part of itself, while frames do not show it; "
-        "0.06 is that of a vehicle that sinks by 0.25 m a second into water whose "
-        "turbidity doubles in three metres.",
+        0.06, "Relative rate of change of attenuation while frames do not show it; 0.06 is that "
+        "of a vehicle that sinks at 0.25 m/s into water whose turbidity doubles within three "
+        "metres.",
         unit="1/s", minimum=0.0, maximum=10.0,
     )
     light_rate: float = parameter(
-        0.05, "How fast the colour of the ambient light wanders, as part of each channel.",
+        0.05, "Rate of the random walk of the ambient light's colour, relative to each channel.",
         unit="1/s^0.5", minimum=1e-4, maximum=10.0,
     )
     exposure_change: float = parameter(
-        0.5, "How much the exposure, common to all channels, may change from frame to frame; "
-        "0 for a fixed one.", minimum=0.0, maximum=10.0,
+        0.5, "Relative standard deviation of the change of exposure, common to all channels, "
+        "between frames; 0 for a fixed exposure.", minimum=0.0, maximum=10.0,
     )
     common_error: float = parameter(
         0.6, "Part of the variance of a frame's estimate that following frames share, since "
-        "they show the same scene: filtering does not lessen it.", minimum=0.0, maximum=0.95,
+        "they show the same scene: filtering does not reduce it.", minimum=0.0, maximum=0.95,
     )
     gate_probability: float = parameter(
-        0.999, "Share of the estimates that pass the gate where all is well (chi squared).",
+        0.999, "Probability that a correct estimate passes the gate (chi squared).",
         minimum=0.5, maximum=0.999999,
     )
     reset_count: int = parameter(
-        3, "Estimates in a row beyond the gate the last of which is followed, whether or not "
-        "they agree; those before it are rejected. Of two that agree the second is followed.",
+        3, "Number of estimates in a row beyond the gate after which the filter restarts with "
+        "the last one; those before it are rejected. Two that agree are enough.",
         minimum=1, maximum=100,
     )
     timeout: float = parameter(
-        5.0, "Time without an estimate after which nothing is known of the state.",
+        5.0, "Time without an estimate after which the state is unknown.",
         unit="s", minimum=0.01, maximum=3600.0,
     )
 
 
 @dataclass(frozen=True)
 class SurveyConfig:
-    """Observations of frames taken together, where each sees too little spread of range."""
+    """Joint estimate from several frames, each of which has too little spread of range."""
 
     enabled: bool = parameter(
-        True, "Estimate the water over frames while single ones do not show it, as in a survey "
-        "at constant altitude.",
+        True, "Estimate the water from several frames jointly while single ones do not show it, "
+        "as in a survey at constant altitude.",
     )
     window: float = parameter(
-        60.0, "Time over which frames are taken together.", unit="s", minimum=1.0,
+        60.0, "Time span of the frames that are used jointly.", unit="s", minimum=1.0,
         maximum=3600.0,
     )
     min_frames: int = parameter(
-        20, "Frames that are needed.", minimum=8, maximum=10000,
+        20, "Least number of frames.", minimum=8, maximum=10000,
     )
     max_frames: int = parameter(
-        240, "Frames that are kept; of more, evenly spaced ones.", minimum=16, maximum=10000,
+        240, "Largest number of frames; of more, evenly spaced ones are kept.", minimum=16,
+        maximum=10000,
     )
 
     def __post_init__(self) -> None:
         if self.min_frames > self.max_frames:
             raise InputError(
                 f"parameter survey.min_frames is {self.min_frames} and survey.max_frames "
-                f"{self.max_frames}: keep at least as many frames as are needed"
+                f"{self.max_frames}: give a max_frames that is not smaller"
             )
 
 
@@ -340,11 +339,11 @@ class EnhancementConfig(NetworkConfig):
     """Restoration of the scene's radiance (eq. 8) and the dense range it needs."""
 
     restorer: str = parameter(
-        "radiance", "What restores the images: radiance (eq. 8), or onnx for the network in "
+        "radiance", "Restorer of the images: radiance (eq. 8), or onnx for the network in "
         "enhancement.model.",
     )
     max_gain: float = parameter(
-        30.0, "Largest gain of contrast; what is restored by less than half is marked.",
+        30.0, "Largest gain of contrast; pixels restored by less than half are marked.",
         minimum=1.0, maximum=1e3,
     )
     max_noise: float = parameter(
@@ -361,8 +360,8 @@ class EnhancementConfig(NetworkConfig):
         minimum=1e-7, maximum=1.0,
     )
     max_gap: int = parameter(
-        40, "How far a gap in the disparity map looks for its surroundings; what is wider than "
-        "twice that is inpainted.",
+        40, "Largest distance from which gaps in the disparity map are filled; gaps wider than "
+        "twice that are inpainted.",
         unit="px", minimum=1, maximum=512,
     )
 
@@ -384,7 +383,7 @@ class PipelineConfig:
     survey: SurveyConfig = section(SurveyConfig)
     enhancement: EnhancementConfig = section(EnhancementConfig)
     threads: int = parameter(
-        0, "Threads that the pipeline uses; 0 takes one per processor.",
+        0, "Number of threads of the pipeline; 0 for one per processor.",
         minimum=0, maximum=64, read_only=True,
     )
 
@@ -396,8 +395,8 @@ class PipelineConfig:
         ----------
         values : mapping of str to object
             Values by dotted name, for example ``{"stereo.max_disparity": 96}``.
-            What is absent keeps its default; names of `NodeConfig` are
-            accepted and do nothing here.
+            Absent ones keep their defaults; names of `NodeConfig` are
+            accepted and ignored.
 
         Returns
         -------
@@ -434,11 +433,12 @@ class SynchronizationConfig:
     """Synchronisation of the four input topics."""
 
     tolerance: float = parameter(
-        0.0, "Largest difference of the two images' stamps; 0 asks for equal stamps.",
+        0.0, "Largest difference of the two images' stamps; 0 for equal stamps.",
         unit="s", minimum=0.0, maximum=1.0,
     )
     queue_size: int = parameter(
-        10, "Images of each side that wait for their partner.", minimum=1, maximum=1000,
+        10, "Largest number of images of each side that wait for their partner.", minimum=1,
+        maximum=1000,
     )
 
 
@@ -448,7 +448,7 @@ class PlausibilityConfig:
 
     sensor_type: str = parameter(
         "PoseWithCovarianceStamped",
-        "Type of the messages on depth_sensor; none where there is no sensor.",
+        "Type of the messages on depth_sensor; none for no sensor.",
         choices=(
             "PoseWithCovarianceStamped", "Odometry", "FluidPressure", "PointStamped", "Float64",
             "none",
@@ -457,15 +457,15 @@ class PlausibilityConfig:
     )
     sensor_sign: str = parameter(
         "auto",
-        "Where the sensor's numbers grow: down, up, or auto, which is down for Float64 and up "
-        "for z of a pose or point. A pressure always grows downwards.",
+        "Direction in which the sensor's values increase: down, up, or auto, which is down for "
+        "Float64 and up for z of a pose or point. A pressure always increases downwards.",
         choices=("auto", "down", "up"),
     )
     sensor_offset: float = parameter(
         0.0, "Depth of the camera below the sensor.", unit="m", minimum=-100.0, maximum=100.0,
     )
     sensor_stddev: float = parameter(
-        0.1, "Standard deviation of the sensor's depth where its messages state none.",
+        0.1, "Standard deviation of the sensor's depth if its messages state none.",
         unit="m", minimum=1e-3, maximum=10.0,
     )
     density: float = parameter(
@@ -473,50 +473,50 @@ class PlausibilityConfig:
         unit="kg/m^3", minimum=900.0, maximum=1300.0,
     )
     surface_pressure: float = parameter(
-        101325.0, "Pressure that the sensor has at the surface; 0 for a gauge.",
+        101325.0, "Pressure that the sensor measures at the surface; 0 for gauge pressure.",
         unit="Pa", minimum=0.0, maximum=200000.0,
     )
     confidence: float = parameter(
-        0.95, "Share of the differences that pass the gate where all is well (chi squared, one "
-        "degree of freedom).", minimum=0.5, maximum=0.9999,
+        0.95, "Probability that the difference of a correct sensor passes the gate (chi squared, "
+        "one degree of freedom).", minimum=0.5, maximum=0.9999,
     )
     warn_interval: float = parameter(
-        10.0, "A warning is what a right sensor shows at most once in so long on average.",
+        10.0, "Least mean time between false warnings with a correct sensor.",
         unit="h", minimum=1e-3, maximum=1e6,
     )
     error_interval: float = parameter(
-        100.0, "An error is what a right sensor shows at most once in so long on average.",
+        100.0, "Least mean time between false errors with a correct sensor.",
         unit="h", minimum=1e-3, maximum=1e6,
     )
     model_stddev: float = parameter(
-        0.25, "Scale of what the estimate's own standard deviation does not hold: bursts, and "
-        "frames that are off. How large they are on this scale is fitted to rendered transects.",
+        0.25, "Scale of errors that the estimate's own standard deviation does not include: "
+        "bursts and outliers. Their sizes on this scale are fitted to rendered transects.",
         unit="m", minimum=1e-3, maximum=20.0,
     )
     max_gate: float = parameter(
-        1.5, "A difference within a gate that is wider than this proves nothing.",
+        1.5, "Largest gate of a conclusive test: a difference within a wider one proves nothing.",
         unit="m", minimum=0.1, maximum=100.0,
     )
     timeout: float = parameter(
-        2.0, "Age from which estimate or sensor are stale, and longest gap between the sensor's "
-        "messages that is bridged.", unit="s", minimum=0.1, maximum=60.0,
+        2.0, "Age above which estimate or sensor are stale, and longest gap between the sensor's "
+        "messages that is interpolated.", unit="s", minimum=0.1, maximum=60.0,
     )
 
 
 @dataclass(frozen=True)
 class NodeConfig:
-    """Configuration of the node beyond the pipeline's."""
+    """Configuration of the node, without the pipeline's."""
 
     autostart: bool = parameter(
         False, "The managed node configures and activates itself once, when its process starts; "
-        "whatever state a manager asks for later stays.", read_only=True,
+        "it keeps any state that a manager requests later.", read_only=True,
     )
     rectify: bool = parameter(
         False, "Rectify raw images with K, D, R and P of their CameraInfo.", read_only=True,
     )
     image_transport: str = parameter(
         "raw",
-        "Take Image messages (raw), or CompressedImage on the images' topics + /compressed.",
+        "Input messages: Image (raw), or CompressedImage on the images' topics + /compressed.",
         choices=("raw", "compressed"),
         read_only=True,
     )
@@ -525,7 +525,7 @@ class NodeConfig:
         "(REP 118).", read_only=True,
     )
     publish_points: bool = parameter(
-        False, "Publish points2: the matched pixels in space, in the enhanced image's colours.",
+        False, "Publish points2: the matched pixels in space, with the enhanced image's colours.",
         read_only=True,
     )
     lazy: bool = parameter(
@@ -533,18 +533,18 @@ class NodeConfig:
         "/diagnostics.",
     )
     niceness: int = parameter(
-        5, "How far the pipeline's threads give way to all others on the computer, those that "
-        "receive messages among them; 0 not at all, 19 most.",
+        5, "Nice value that is added to the pipeline's threads, so that other threads, such as "
+        "those that receive messages, have priority; 0 for none, 19 at most.",
         minimum=0, maximum=19, read_only=True,
     )
     frames_at_once: int = parameter(
-        1, "Frames under way at once where they come faster than one is answered: 1 answers each "
-        "soonest; 2, advised from four cores on, answers more frames, each later, and takes 200 "
-        "bytes a pixel more.",
+        1, "Frames processed at once if they arrive faster than one is processed: 1 has the "
+        "shortest latency; 2, advised for four cores or more, has a higher rate and latency, and "
+        "takes 200 more bytes per pixel.",
         minimum=1, maximum=4, read_only=True,
     )
     max_megapixels: float = parameter(
-        8.0, "Larger images are refused. A pair takes about 220 bytes a pixel.",
+        8.0, "Larger images are refused. A pair takes about 220 bytes per pixel.",
         unit="1e6 px", minimum=0.01, maximum=100.0,
     )
     max_range: float = parameter(
@@ -566,7 +566,7 @@ class NodeConfig:
         """Make a configuration from dotted names, ignoring the pipeline's."""
         _check_known(values)
         config: NodeConfig = build(cls, values)
-        # The other one may be empty.
+        # distance_frame may be empty.
         for name, frame in (
             ("depth_frame", config.depth_frame), ("distance_frame", config.distance_frame or "map")
         ):

@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """CompressedImage messages as arrays, for the classes of rclpy and of rosbags alike.
 
-``format`` is read as compressed_image_transport writes it: ``rgb8; jpeg
-compressed bgr8``, ``mono8; png compressed``, or of older publishers and of
-cameras ``jpeg`` or ``png`` alone. Before the semicolon stands the encoding of
-the image that was compressed, last the order of channels that it was
-compressed in.
+``format`` is that of compressed_image_transport: ``rgb8; jpeg compressed
+bgr8`` or ``mono8; png compressed``; older publishers and cameras write
+``jpeg`` or ``png`` alone. The encoding of the original image precedes the
+semicolon; the last word is the order of channels in which it was compressed.
 """
 
 from __future__ import annotations
@@ -30,19 +29,19 @@ T = TypeVar("T")
 def read_format(kind: str) -> tuple[str, bool]:
     """Read the format of a CompressedImage, such as ``rgb8; jpeg compressed bgr8``.
 
-    Returns the encoding of the image that was compressed, or the codec where that is all; and
-    whether the codec, which takes its input for BGR, was handed RGB, as by old publishers.
+    Returns the encoding of the original image, or the codec if the format names nothing else; and
+    whether the codec, which expects BGR, was given RGB, as by old publishers.
     """
     original, _, compression = (part.strip() for part in kind.partition(";"))
     return original, "compressed rgb" in compression
 
 
 def read_compressed(message: CompressedImageMessage, name: str = "image") -> tuple[Image, str]:
-    """Decompress a CompressedImage, JPEG or PNG; `name` is what errors call it.
+    """Decompress a CompressedImage, JPEG or PNG; `name` is for error messages.
 
     Returns `pixels`, (H, W) or (H, W, 3) of uint8 or uint16, grey, or RGB; alpha is dropped and
-    Bayer patterns are interpolated; `encoding`, how the enhanced image is to be encoded: in the
-    order of the image that was compressed, with the depth of what was stored.
+    Bayer patterns are interpolated; and the `encoding` of the enhanced image: the original's order
+    of channels, with the bit depth of the compressed data.
     """
     original, swapped = read_format(str(message.format))
     stored = _decoded(message, name, decode)
@@ -60,13 +59,13 @@ def read_compressed(message: CompressedImageMessage, name: str = "image") -> tup
 
 
 def message_chroma(message: Any, pixels: Image) -> ChromaImage | None:
-    """Read the colour of an Image or a CompressedImage as its codec or mosaic left it.
+    """Read the colour of an Image or a CompressedImage at native resolution, with its noise.
 
-    `pixels` is what was read of the message. None where they say all that there is.
+    `pixels` are those of the message. None if they are grey, or have their colour in full.
     """
     if pixels.ndim == 2:
         return None
-    # A format may be empty: what tells a CompressedImage is that it has one.
+    # The format may be empty: the field alone shows that it is a CompressedImage.
     compressed = hasattr(message, "format")
     original, swapped = read_format(str(getattr(message, "format", "")))
     if compressed and bytes(message.data[: len(JPEG)]) == JPEG:
@@ -88,7 +87,7 @@ def read_size(message: CompressedImageMessage, name: str = "image") -> tuple[int
 
 
 def _decoded(message: CompressedImageMessage, name: str, read: Callable[[bytes], T]) -> T:
-    """Return what `read` does of the data of a message, if they are a JPEG or a PNG."""
+    """Apply `read` to the data of a message, which must be a JPEG or a PNG."""
     data, kind = bytes(message.data), printable(message.format)
     if "compressedDepth" in message.format or not data.startswith((JPEG, PNG)):
         raise InputError(
@@ -98,7 +97,7 @@ def _decoded(message: CompressedImageMessage, name: str, read: Callable[[bytes],
     try:
         return read(data)
     except TruncatedError as error:
-        # Without its length, which differs in every image: reasons are counted by their text.
+        # Without the length, which differs in every image: reasons are counted by their text.
         raise InputError(f"{name} has data without an end: it is truncated") from error
     except InputError as error:
         raise InputError(

@@ -23,24 +23,24 @@ SENSOR_TYPES = {
 }
 """Type of message by ``plausibility.sensor_type``."""
 
-# Under water the pressure is at least that of the air; as millibar or hectopascal
-# it is a hundredth, and even at 200 m of depth a fifth of the air's in pascal.
+# Smallest pressure that counts as one in Pa, as a part of the air's. In water it is 1 at least; in
+# millibar the number is a hundredth, even at 200 m of depth a fifth of the air's in Pa.
 MILLIBAR_RATIO = 0.3
 
-# Where z is not measured drivers write variances as large as this.
+# Drivers write variances of this size if z is not measured.
 UNMEASURED_VARIANCE = 1e6
-# What messages say where they know no variance.
+# Values that stand for an unknown variance.
 UNKNOWN_VARIANCES = (0.0, -1.0)
 # The deepest place on Earth is 10,935 m deep.
 MAX_DEPTH = 12_000.0
-Z_VARIANCE = 14
+Z_VARIANCE = 14  # index in the covariance of a pose
 
 
 def read_depth(message: Any, config: PlausibilityConfig, arrival: int) -> DepthSample:
-    """Read the depth of the camera from a sensor's message, of the configured type.
+    """Read the depth of the camera from a sensor's message of the configured type.
 
-    `arrival`, ns, stands for the stamp where the type has none. Refused without stamp, for numbers
-    that are not finite or beyond what any ocean has, and for a pressure that cannot be in Pa.
+    `arrival`, ns, is the stamp of types that have none. Raises `InputError` without a stamp, for
+    numbers that are not finite or deeper than any ocean, and for a pressure that cannot be in Pa.
     """
     if config.sensor_type == "Float64":
         stamp, value, variance = arrival, float(message.data), 0.0
@@ -54,13 +54,13 @@ def read_depth(message: Any, config: PlausibilityConfig, arrival: int) -> DepthS
     depth = _sign(config) * value + config.sensor_offset
     if abs(depth) > MAX_DEPTH:
         raise InputError(
-            f"depth_sensor says a depth of {depth:.6g} m, where no ocean is deeper than "
+            f"depth_sensor says a depth of {depth:.6g} m, but no ocean is deeper than "
             f"{MAX_DEPTH:g} m: publish metres, or pascals as FluidPressure"
         )
     if not math.isfinite(variance) or (variance < 0.0 and variance not in UNKNOWN_VARIANCES):
         raise InputError(
-            f"depth_sensor states the variance {variance:.6g}: publish a positive one, or 0 where "
-            "it is not known"
+            f"depth_sensor states the variance {variance:.6g}: publish a positive one, or 0 if it "
+            "is unknown"
         )
     if config.sensor_type == "FluidPressure" and variance > 0.0:
         variance /= (config.density * STANDARD_GRAVITY) ** 2
@@ -70,17 +70,17 @@ def read_depth(message: Any, config: PlausibilityConfig, arrival: int) -> DepthS
 
 
 def depth_of_pressure(pressure: float, config: PlausibilityConfig) -> float:
-    """Depth, m, of a pressure in water, Pa; refused if it must be in another unit."""
+    """Return the depth, m, of a pressure in water, Pa; refuse one that looks like mbar."""
     if 0.0 < pressure < MILLIBAR_RATIO * config.surface_pressure:
         raise InputError(
-            f"depth_sensor says {pressure:g} Pa, less than the air above the water, which looks "
-            "like mbar: publish pascals, or set plausibility.surface_pressure to 0 for a gauge"
+            f"depth_sensor says {pressure:g} Pa, less than the pressure of air, which looks like "
+            "mbar: publish pascals, or set plausibility.surface_pressure to 0 for gauge pressure"
         )
     return (pressure - config.surface_pressure) / (config.density * STANDARD_GRAVITY)
 
 
 def _value(message: Any, config: PlausibilityConfig) -> tuple[float, float]:
-    """Return a message's depth or height in m, and its variance as it states it."""
+    """Return a message's depth or height in m, and the variance that it states."""
     kind = config.sensor_type
     if kind == "FluidPressure":
         depth = depth_of_pressure(float(message.fluid_pressure), config)

@@ -21,12 +21,12 @@ from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Visibility
 
-# Variance of the components of a pose that are not measured: whoever fuses
-# them by mistake gives them no weight. A variance of 0 would mean certainty
-# to robot_localization, and -1 would be taken by its magnitude.
+# Variance of the unmeasured components of a pose: they get no weight if they
+# are fused by mistake. robot_localization takes a variance of 0 for certainty,
+# and -1 by its magnitude.
 UNMEASURED_VARIANCE = 1e6
 
-# sensor_msgs/Range.INFRARED: the nearest to visible light that the message knows.
+# sensor_msgs/Range.INFRARED: the message's closest type to visible light.
 RADIATION_LIGHT = 1
 
 _OPTICAL = re.compile(r"_optical(_frame|_link)?$")
@@ -53,7 +53,7 @@ class ImageHeader(NamedTuple):
 
     @classmethod
     def at(cls, stamp: int, frame_id: str = "") -> ImageHeader:
-        """Return the header of a stamp, ns."""
+        """Return a header with a stamp, ns."""
         return cls(*divmod(stamp, 1_000_000_000), frame_id)
 
     @property
@@ -62,7 +62,7 @@ class ImageHeader(NamedTuple):
         return 1e-9 * (self.sec * 1_000_000_000 + self.nanosec)
 
     def message(self, make: MessageFactory) -> Any:
-        """Make it a ``std_msgs/Header``."""
+        """Make a ``std_msgs/Header``."""
         time = make("builtin_interfaces/msg/Time", sec=self.sec, nanosec=self.nanosec)
         return make("std_msgs/msg/Header", stamp=time, frame_id=self.frame_id)
 
@@ -75,7 +75,7 @@ def vector_message(make: MessageFactory, header: Any, values: Iterable[float]) -
 
 
 def depth_message(make: MessageFactory, header: Any, depth: float, variance: float) -> Any:
-    """Make a PoseWithCovarianceStamped, of which only z is measured: m up, variance in m²."""
+    """Make a PoseWithCovarianceStamped: z = −depth, m, with its variance, m²; others unmeasured."""
     covariance = UNMEASURED_VARIANCE * np.eye(6)
     covariance[2, 2] = variance
     pose = make(
@@ -102,9 +102,9 @@ def region_message(
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Estimate, header of the left image and optics that its messages are made from.
+    """Source of an estimate's messages: the estimate, and header and optics of the left image.
 
-    `field_of_view` is that of the left image, horizontally, rad.
+    `field_of_view` is horizontal, rad.
     """
 
     make: MessageFactory
@@ -120,7 +120,7 @@ class Estimate:
 
 
 def field_of_view(width: int, focal_length: float) -> float:
-    """Return the angle that an image of a width and focal length, px, shows, rad."""
+    """Return the field of view, rad, of an image with a width and focal length, px."""
     return 2.0 * math.atan(width / (2.0 * focal_length))
 
 
@@ -129,8 +129,8 @@ def _distance(estimate: Estimate) -> Any:
     if visibility.status is not Status.OK or math.isnan(visibility.distance):
         return None
     max_range = estimate.config.max_range
-    # Range points along x, which is to the right in an optical frame; that of the body beside it
-    # has the name without the suffix (REP 103).
+    # Range points along x, which is to the right in an optical frame. The body's frame has the same
+    # name without the suffix (REP 103).
     body = estimate.config.distance_frame or _OPTICAL.sub(r"\1", estimate.header.frame_id)
     header = estimate.header._replace(frame_id=body)
     seen = visibility.distance <= max_range
@@ -143,13 +143,13 @@ def _distance(estimate: Estimate) -> Any:
         min_range=0.0,
         max_range=max_range,
         range=visibility.distance if seen else math.inf,
-        # 0 says that it is not known.
+        # 0 means unknown.
         variance=visibility.distance_stddev**2 if seen and known else 0.0,
     )
 
 
 def _vector(estimate: Estimate, values: Array) -> Any:
-    """Vector of R, G, B; NaN for a channel that has no light, as the node's page says."""
+    """Make a vector of R, G, B; NaN for a channel without light."""
     if estimate.water.status is not Status.OK or not np.isfinite(values).any():
         return None
     return _stamped(estimate, values)
@@ -160,7 +160,7 @@ def _stamped(estimate: Estimate, values: Iterable[float]) -> Any:
 
 
 def _mean_attenuation(estimate: Estimate, stamped: bool) -> Any:
-    """α alone, or as x with its standard deviation as y, 0 where it is not known."""
+    """Make α alone, or stamped with α as x and its standard deviation as y, 0 if unknown."""
     visibility = estimate.visibility
     alpha, stddev = visibility.mean_attenuation, visibility.mean_attenuation_stddev
     if estimate.water.status is not Status.OK or not math.isfinite(alpha):

@@ -29,25 +29,25 @@ class StereoFrame(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StereoPair:
-    """Rectified pair of images with its rig, as the pipeline takes it."""
+    """Rectified pair of images with its rig: the input of the pipeline."""
 
     # left, right: (H, W) or (H, W, 3) of uint8 or uint16, grey or RGB
     left: Image
     right: Image
     rig: StereoRig  # geometry of the pair
-    # (H, W) bool or None, where a left image rectified here shows the raw one; None for all of it
+    # (H, W) bool: pixels of a left image rectified here that lie in the raw one; None for all
     valid: Mask | None
-    # (x, y, width, height) of the smallest window that holds all of `valid`
+    # (x, y, width, height) of the bounding box of `valid`, px
     valid_window: tuple[int, int, int, int]
-    encodings: tuple[str, str]  # how the enhanced left and right image are to be encoded
-    # colour of the left image as its codec left it; None where its pixels say all
+    encodings: tuple[str, str]  # encodings of the enhanced left and right image
+    # colour of the left image at native resolution; None if its pixels have it in full
     chroma: ChromaImage | None = None
 
 
 class FrameReader:
     """Reader of frames; keeps rig and rectification while CameraInfo stays the same.
 
-    `calibrations` counts how often CameraInfo was new, so that the rig was made anew.
+    `calibrations` counts changes of CameraInfo, including the first one.
     """
 
     def __init__(self, rectify: bool) -> None:
@@ -58,8 +58,8 @@ class FrameReader:
         self.calibrations = 0
 
     def read(self, frame: StereoFrame) -> StereoPair:
-        """Read the images of a frame, rectified where that is asked for."""
-        # Before anything is decompressed: what a message claims may be any size.
+        """Read the images of a frame, and rectify them if the reader is to."""
+        # Checked before decompression, since a message may claim any size.
         _check_size(frame.left, frame.left_info, "left")
         _check_size(frame.right, frame.right_info, "right")
         left, left_encoding = read_pixels(frame.left, "left image")

@@ -18,7 +18,8 @@ from uw_visibility.images.arrays import DisparityMap, Image
 class Encoding(NamedTuple):
     """Pixel layout of an encoding, and the encoding of its enhanced image.
 
-    Order of channels and depth are the input's; alpha is dropped, Bayer images and YUV become RGB.
+    The enhanced image has the input's order of channels and bit depth, without alpha; Bayer and YUV
+    images become RGB.
     """
 
     dtype: type[np.unsignedinteger[Any]]
@@ -36,7 +37,7 @@ ENCODINGS: dict[str, Encoding] = {
     "bgra8": Encoding(np.uint8, 4, cv2.COLOR_BGRA2RGB, "bgr8"),
     "rgb16": Encoding(np.uint16, 3, None, "rgb16"),
     "bgr16": Encoding(np.uint16, 3, cv2.COLOR_BGR2RGB, "bgr16"),
-    # Without names for the channels, as OpenCV has them.
+    # OpenCV's encodings without names of channels; three channels are BGR.
     "8UC1": Encoding(np.uint8, 1, None, "mono8"),
     "8UC3": Encoding(np.uint8, 3, cv2.COLOR_BGR2RGB, "bgr8"),
     # ITU-R BT.601 with luma from 16 to 235, as USB cameras send it.
@@ -46,22 +47,22 @@ ENCODINGS: dict[str, Encoding] = {
     "yuv422": Encoding(np.uint8, 2, cv2.COLOR_YUV2RGB_UYVY, "rgb8"),
     "yuv422_yuy2": Encoding(np.uint8, 2, cv2.COLOR_YUV2RGB_YUY2, "rgb8"),
 } | {
-    # Named by the first two rows.
+    # Named by the pixels of the first two rows.
     f"bayer_{pattern}{bits}": Encoding(
         dtype, 1, getattr(cv2, f"COLOR_Bayer{pattern.upper()}2RGB"), f"rgb{bits}")
     for pattern in ("rggb", "bggr", "gbrg", "grbg")
     for bits, dtype in ((8, np.uint8), (16, np.uint16))
 }
-# Two pixels side by side share their colour.
+# Encodings in which two pixels side by side share their chroma.
 SUBSAMPLED = ("uyvy", "yuyv", "yuv422", "yuv422_yuy2")
 
 
-# Messages of rclpy and of rosbags have the same fields, which their definitions in ROS name.
+# Messages of rclpy and of rosbags: different classes with the fields of the ROS definition.
 ImageMessage: TypeAlias = Any
 CompressedImageMessage: TypeAlias = Any
 
 MessageFactory: TypeAlias = Callable[..., Any]
-"""Factory of messages by type, with all fields given, sequences of numbers as numpy arrays."""
+"""Makes a message of a type from all its fields; sequences of numbers are numpy arrays."""
 
 
 def typestore_factory(types: Mapping[str, Any]) -> MessageFactory:
@@ -76,7 +77,7 @@ def stamp_to_nanoseconds(stamp: Any) -> int:
 
 
 def image_view(message: ImageMessage, name: str = "image") -> Image:
-    """View the pixels of an Image message, without a copy; `name` is what errors call it.
+    """View the pixels of an Image message, without a copy; `name` is for error messages.
 
     Returns (H, W) or (H, W, C), uint8 or uint16 of the message's byte order, channels
     in the order of the encoding; Bayer images have one, those of YUV 4:2:2 two.
@@ -116,7 +117,7 @@ def image_view(message: ImageMessage, name: str = "image") -> Image:
 
 
 def read_image(message: ImageMessage, name: str = "image") -> Image:
-    """Read an Image message as the package's arrays; `name` is what errors call it.
+    """Read an Image message as the package's arrays; `name` is for error messages.
 
     Returns (H, W) or (H, W, 3), uint8 or uint16, grey or RGB; alpha is dropped, Bayer patterns and
     subsampled colour are interpolated. May share the message's memory.
@@ -128,7 +129,7 @@ def read_image(message: ImageMessage, name: str = "image") -> Image:
 
 
 def read_disparity(message: Any) -> DisparityMap:
-    """Return the disparity of a DisparityImage, px, (H, W); NaN where it is not known."""
+    """Return the disparity of a DisparityImage, px, (H, W); NaN where there is none."""
     image = message.image
     values = np.frombuffer(image.data, np.float32).reshape(image.height, image.width)
     return np.where(values >= np.float32(message.min_disparity), values, np.float32(np.nan))
@@ -137,7 +138,7 @@ def read_disparity(message: Any) -> DisparityMap:
 def write_image(make: MessageFactory, pixels: Image, encoding: str, header: Any) -> Any:
     """Make an Image message of grey or RGB pixels, or of float32 for ``32FC1``.
 
-    `encoding` is that of the message; RGB is turned round for ``bgr8`` and ``bgr16``.
+    `encoding` is that of the message; RGB is converted for ``bgr8`` and ``bgr16``.
     """
     if encoding.startswith("bgr"):
         pixels = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)

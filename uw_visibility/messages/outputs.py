@@ -1,13 +1,13 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Output messages of a frame's result by topic, the same from node and replay.
+"""Output messages of a frame's result by topic, the same in node and replay.
 
-Messages under ``visibility/`` appear only where the estimate behind them has the status ok,
-so that a consumer never meets a NaN or an invented value. Images and the disparity always appear.
+Messages under ``visibility/`` are published only if the status of their estimate is ok: they have
+no invented values, and NaN only for a channel without light. Images and disparity always appear.
 
-Each estimate appears twice: under ``visibility/raw/`` that of the frame alone, and
-under ``visibility/`` the one filtered over frames, where they are tracked. Who
-filters by himself wants the raw one: errors of the filtered one last for seconds.
+Each estimate appears twice: that of the frame alone under ``visibility/raw/``, and the one
+filtered over frames, if they are tracked, under ``visibility/``. Use the raw one in a filter
+of your own: errors of the filtered one are correlated over seconds.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from uw_visibility.water.series.filter import FilteredWater
 
 # sensor_msgs/PointField.FLOAT32.
 POINT_FLOAT32 = 7
-# The disparity is published in steps of 1/64 px, far below what matching
-# resolves, so that delta_d can state the step.
+# Step of the published disparity, px, stated as delta_d; far below the
+# resolution of matching.
 DISPARITY_STEP = 1.0 / 64.0
 
 
 @dataclass(frozen=True)
 class Source:
-    """Input, result and message factory that output messages are made from."""
+    """Input, result and message factory for the output messages of a frame."""
 
     make: MessageFactory
     frame: StereoFrame
@@ -57,25 +57,25 @@ class Source:
 
     @functools.cached_property
     def headers(self) -> dict[str, Any]:
-        """Stamp and frame of the images, as messages by side."""
+        """Headers of the images, as messages by side."""
         images = {"left": self.frame.left, "right": self.frame.right}
         return {side: ImageHeader.of(image).message(self.make) for side, image in images.items()}
 
     @functools.cached_property
     def disparity(self) -> tuple[NDArray[np.float32], float, float]:
-        """The matched disparity (H, W) as ``stereo_msgs/DisparityImage`` defines it, px.
+        """The matched disparity (H, W) as ``stereo_msgs/DisparityImage`` defines it, low, high; px.
 
         x_left - x_right - (cx_left - cx_right), so that Z = f t / disparity, in steps of
-        `DISPARITY_STEP`; ``low - 1`` where nothing was matched, and where what was matched does not
-        lie in front of the camera or between low and high, the range of disparities searched in
-        front of infinity, which come after it.
+        `DISPARITY_STEP`. low and high limit the disparities searched in front of infinity.
+        Unmatched pixels, and matches that are not positive or outside of this range, are
+        ``low - 1``.
         """
         result, rig = self.result, self.pair.rig
         low = max(result.stereo.min_disparity - rig.offset, 0.0)
         high = max(result.stereo.max_disparity - rig.offset, low)
         step = np.float32(DISPARITY_STEP)
         value = np.rint((result.disparity - np.float32(rig.offset)) / step) * step
-        # A comparison with NaN is false, so what was not matched is not kept.
+        # Unmatched pixels are NaN, whose comparisons are false.
         kept = (value > 0) & (value >= np.float32(low)) & (value <= np.float32(high))
         if self.pair.valid is not None:
             kept &= self.pair.valid
@@ -109,7 +109,7 @@ def enhanced_image(side: str, source: Source) -> Any:
 
 
 def camera_info(side: str, source: Source) -> Any:
-    """Pass a side's calibration on: P holds for the rectified image, as image_pipeline has it."""
+    """Copy a side's CameraInfo, whose P is valid for the rectified image, as in image_pipeline."""
     info = getattr(source.frame, f"{side}_info")
     roi = info.roi
     return source.make(
@@ -163,7 +163,7 @@ def points(source: Source) -> Any:
     cloud[..., 0] = depth * columns.astype(np.float32)
     cloud[..., 1] = depth * rows.astype(np.float32)[:, np.newaxis]
     cloud[..., 2] = depth
-    # As PCL packs it: the number 0x00RRGGBB in the memory of a float.
+    # PCL's packing: 0x00RRGGBB in the bits of a float.
     cloud.view(np.uint32)[..., 3] = rgb[..., 0] << 16 | rgb[..., 1] << 8 | rgb[..., 2]
     fields = [
         source.make(
@@ -187,7 +187,7 @@ def points(source: Source) -> Any:
 
 
 def _valid_window(source: Source) -> tuple[int, int, int, int]:
-    """Return the window that may hold disparities: the partner must lie in the right image."""
+    """Return the window of possible disparities: a match must lie in the right image."""
     x, y, width, height = source.pair.valid_window
     image_width = source.result.disparity.shape[1]
     start = max(x, source.result.stereo.min_disparity)
@@ -196,11 +196,11 @@ def _valid_window(source: Source) -> tuple[int, int, int, int]:
 
 
 FILTERED, RAW = "visibility", "visibility/raw"
-"""Where estimates appear, filtered over frames and of the frame alone."""
+"""Namespaces of the estimates that are filtered over frames, and of those of single frames."""
 
 
 class Output(NamedTuple):
-    """Type of an output's messages, what makes them, and the parameter that switches it on."""
+    """Type of an output's messages, their factory, and the parameter that enables them, if any."""
 
     kind: str
     make: Callable[[Source], Any]
@@ -208,7 +208,7 @@ class Output(NamedTuple):
 
 
 _OUTPUTS = {
-    # What a vehicle acts on goes first, before what is large.
+    # Estimates, which a vehicle acts on, are published before large messages.
     **{
         f"{folder}/{name}": Output(kind, partial(estimate, name, folder == FILTERED))
         for folder in (FILTERED, RAW) for name, kind in ESTIMATES.items()
@@ -221,7 +221,7 @@ _OUTPUTS = {
     "right/enhanced/camera_info": Output(
         "sensor_msgs/msg/CameraInfo", partial(camera_info, "right")),
     "depth/image": Output("sensor_msgs/msg/Image", depth_image, "publish_depth_image"),
-    # It lies in the left rectified image.
+    # The depth image has the geometry of the left rectified image.
     "depth/camera_info": Output(
         "sensor_msgs/msg/CameraInfo", partial(camera_info, "left"), "publish_depth_image"),
     "points2": Output("sensor_msgs/msg/PointCloud2", points, "publish_points"),
@@ -230,9 +230,9 @@ _OUTPUTS = {
 
 
 def each_message(source: Source, topics: Collection[str]) -> Iterator[tuple[str, Any]]:
-    """Make the messages of one frame by topic, one after the other, so that each can go at once.
+    """Generate the messages of one frame by topic, so that each can be published at once.
 
-    In the order of `topics`; those whose value is not assessable are left out.
+    In the order of `topics`, without those whose value is not assessable.
     """
     for topic in topics:
         message = _OUTPUTS[topic].make(source)
@@ -241,7 +241,7 @@ def each_message(source: Source, topics: Collection[str]) -> Iterator[tuple[str,
 
 
 def all_topics(config: NodeConfig) -> dict[str, str]:
-    """Return type of message by topic, with the optional ones that are switched on."""
+    """Return type of message by topic, with the optional ones that are enabled."""
     return {
         topic: output.kind for topic, output in _OUTPUTS.items()
         if not output.switch or getattr(config, output.switch)

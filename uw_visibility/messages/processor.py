@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Frame processor: from the messages of a stereo frame to outgoing ones, in node and replay."""
+"""Frame processor: from the messages of a stereo frame to output messages, in node and replay."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.series.filter import FilteredWater, KnownWater
 
-# Kernels are compiled once per type of pixel, not per size or rig; a small image is quicker.
+# Kernels are compiled by type of pixel, not by size or rig, so a small image suffices.
 WARM_UP_RIG = StereoRig(200.0, 0.1, (79.5, 59.5))
 WARM_UP_SHAPE = (120, 160)
-# Before the first image comes any width is possible, px.
+# Width for checks of parameters before the first image, px.
 LARGEST_WIDTH = 1 << 16
 
 
 @functools.cache
 def warm_up(config: PipelineConfig, *, compressed: bool = False) -> None:
-    """Compile what frames of 8 bit need and is not compiled yet, or load it.
+    """Compile or load all kernels that frames of 8 bit need.
 
-    Once for a configuration: several recordings are replayed in one process.
+    Runs once for each configuration, since one process may replay several recordings.
     """
     pipeline = Pipeline(WARM_UP_RIG, warm_up_config(config))
     pipeline.warm_up(WARM_UP_SHAPE, compressed=compressed)
@@ -44,8 +44,7 @@ def warm_up(config: PipelineConfig, *, compressed: bool = False) -> None:
 def try_out(
     config: PipelineConfig, rig: StereoRig | None = None, shape: tuple[int, int] | None = None
 ) -> None:
-    """Refuse parameters with which no frame could be processed, of a rig and a shape where known.
-    """
+    """Refuse parameters with which no frame, of a rig and a shape if known, can be processed."""
     pipeline = Pipeline(rig or WARM_UP_RIG, config)
     if shape is not None:
         pipeline.allocate(shape)
@@ -55,7 +54,7 @@ def try_out(
 
 @dataclass(frozen=True, eq=False)
 class FrameWork:
-    """Work on one frame: the pair that was read, to be assessed and told of."""
+    """One frame in process: its messages, the pair read from them, and the pipeline for it."""
 
     frame: StereoFrame
     pair: StereoPair
@@ -103,9 +102,9 @@ class FrameWork:
         topics: Collection[str],
         filtered: FilteredWater | None = None,
     ) -> Iterator[tuple[str, Any]]:
-        """Make the messages of the frame's result, by topic; what is not assessable is absent.
+        """Make the messages of the frame's result, by topic, without those not assessable.
 
-        `filtered` is the estimate filtered up to this frame, where frames are tracked.
+        `filtered` is the estimate filtered up to this frame, if frames are tracked.
         """
         return each_message(
             Source(self.make, self.frame, self.pair, result, node_config, filtered), topics
@@ -115,14 +114,14 @@ class FrameWork:
 class FrameProcessor:
     """Frame processor: reads frames, runs the pipeline and makes the messages of its results.
 
-    A pipeline is made anew when the calibration or its configuration changes. `rectify` says
-    that the images are raw; `reader` knows how often the calibration changed.
+    A change of calibration or configuration makes a new pipeline. `rectify` is set for raw
+    images; `reader` counts the changes of calibration.
     """
 
     def __init__(self, make: MessageFactory, rectify: bool) -> None:
         self.reader = FrameReader(rectify)
         self._make = make
-        # Of each lane.
+        # By lane.
         self._pipelines: dict[int, Pipeline] = {}
         self._threads: tuple[int, Workers] | None = None
         self._lock = threading.Lock()
@@ -130,15 +129,15 @@ class FrameProcessor:
     def begin(
         self, frame: StereoFrame, pipeline_config: PipelineConfig, lane: int = 0
     ) -> FrameWork:
-        """Read a frame, and make the pipeline that it needs.
+        """Read a frame, and make its pipeline if it is not that of the lane's last frame.
 
-        Frames that are processed at the same time are in lanes of their own.
+        Frames that are processed at the same time need different lanes.
         """
         with self._lock:
             pair = self.reader.read(frame)
             made = self._pipelines.get(lane)
             if made is None or (made.rig, made.config) != (pair.rig, pipeline_config):
-                # Its memory is free before that of the next one is allocated.
+                # Free its memory before the next pipeline allocates.
                 self._pipelines.pop(lane, None)
                 made = None
                 workers = self._workers(pipeline_config.threads)
@@ -146,7 +145,7 @@ class FrameProcessor:
         return FrameWork(frame, pair, made, self._make)
 
     def _workers(self, threads: int) -> Workers:
-        """Return the threads of the pipeline before, if there are to be as many."""
+        """Return the worker threads, which all pipelines share while their number is the same."""
         if self._threads is None or self._threads[0] != threads:
             self._threads = threads, Workers(threads)
         return self._threads[1]

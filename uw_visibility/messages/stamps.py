@@ -12,15 +12,15 @@ from uw_visibility.errors import InputError
 SECOND = 1_000_000_000
 """ns"""
 
-# CDR begins with four bytes, of which the second names the byte order; a message with a
-# header goes on with its stamp.
+# CDR begins with four bytes, the second of which is the byte order; the stamp of the header
+# follows.
 _CDR_STAMP = 4
 
 
 def header_stamp(data: bytes, *, ros1: bool = False) -> int:
     """Read the header stamp, ns, of a serialised message whose type begins with a header.
 
-    As CDR, or as in ROS 1, where a header begins with a counter.
+    The format is CDR, or that of ROS 1, whose header begins with a counter.
     """
     try:
         if ros1:
@@ -33,7 +33,7 @@ def header_stamp(data: bytes, *, ros1: bool = False) -> int:
 
 
 def with_stamp(data: bytes, stamp: int) -> bytes:
-    """Return a message in CDR with another header stamp, ns."""
+    """Return a message in CDR with its header stamp replaced, ns."""
     changed = bytearray(data)
     struct.pack_into(_stamp_format(data), changed, _CDR_STAMP, *divmod(stamp, SECOND))
     return bytes(changed)
@@ -44,20 +44,20 @@ def _stamp_format(data: bytes) -> str:
 
 
 def seconds(nanoseconds: int) -> str:
-    """Return a time in s with all its digits."""
-    # By its amount: -1.5 s are -2 s and 500,000,000 ns.
+    """Format a time, ns, in s with all digits."""
+    # Of the magnitude: divmod would split -1.5 s into -2 s and 500,000,000 ns.
     whole, fraction = divmod(abs(nanoseconds), SECOND)
     return f"{'-' * (nanoseconds < 0)}{whole}.{fraction:09d}"
 
 
 def nanoseconds(text: str) -> int:
-    """Return a time in ns, of what `seconds` wrote."""
+    """Parse a time that `seconds` has formatted; returns ns."""
     whole, _, fraction = text.removeprefix("-").partition(".")
     amount = int(whole) * SECOND + int(fraction)
     return -amount if text.startswith("-") else amount
 
 
 def iso_time(nanoseconds: int) -> str:
-    """Return a time in UTC as ISO 8601, with all its digits."""
+    """Format a time, ns since the epoch, in UTC as ISO 8601 with all digits."""
     second = datetime.fromtimestamp(nanoseconds // SECOND, UTC)
     return f"{second:%Y-%m-%dT%H:%M:%S}.{nanoseconds % SECOND:09d}Z"

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Synchroniser of the four input topics; everything dropped has a counted reason."""
+"""Synchroniser of the four input topics; it counts all drops by reason."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from uw_visibility.config.schema import SynchronizationConfig
 
 SIDES = ("left", "right")
 
-# A pair that is older than the last one by more than this comes from a
-# recording that was started again. An image that is less old may have come out of
-# order: what comes next of its side tells.
+# A pair that is older than the last one by this or more comes from a recording
+# that was restarted. An image that is less old may be out of order: the next
+# image of its side decides.
 RESTART_NANOSECONDS = 1_000_000_000
 
 
 class SynchronizedFrame(NamedTuple):
-    """Two images that belong together, with the CameraInfo that holds for each; stamps in ns."""
+    """Two matching images with the CameraInfo of each; stamps in ns."""
 
     stamp: int
     right_stamp: int
@@ -32,22 +32,21 @@ class SynchronizedFrame(NamedTuple):
 class Synchronizer:
     """Synchroniser that pairs images by their stamps and adds each side's CameraInfo.
 
-    An image is paired as soon as a partner within the tolerance is there: the
-    nearest of those that wait. Where a camera sends a CameraInfo with every
-    image, a pair waits for those of its own stamps, until the next pair or
-    `end_wait` at the latest; where it does not, the newest one is taken at once. Every image
-    leaves as part of a frame or is counted in `dropped`, and what waits is
-    bounded.
+    An image is paired with the nearest waiting image of the other side within the
+    tolerance. If a camera sends a CameraInfo with every image, a pair waits for those
+    with its own stamps, until the next pair or `end_wait` at the latest; otherwise
+    the newest one is used at once. Every image becomes part of a frame or is counted
+    in `dropped`, and the number of waiting images is limited.
 
-    Recordings may be played again, from any stamp: where the stamps of a side go back and
-    go on from there, all that follows is new.
+    Recordings may be replayed from any stamp: if the stamps of a side jump back and
+    increase from there, the synchroniser restarts.
 
-    on_drop: called with the reason for every image dropped.
+    on_drop: called with the reason for every dropped image.
     config: may be replaced at any time.
-    received: messages by input: left, right, left info, right info.
-    dropped: images by the reason why they are in no frame.
-    frames: frames made.
-    restarts: how often the stamps jumped back, or the clock did before them.
+    received: number of messages by input: left, right, left info, right info.
+    dropped: number of dropped images by reason.
+    frames: number of frames made.
+    restarts: number of jumps back of the stamps, or of the clock before them.
     """
 
     def __init__(
@@ -62,7 +61,7 @@ class Synchronizer:
         # By stamp, in the order of arrival.
         self._waiting: dict[str, dict[int, Any]] = {side: {} for side in SIDES}
         self._infos: dict[str, dict[int, Any]] = {side: {} for side in SIDES}
-        # Of each side the image that was older than the last pair, with its stamp.
+        # By side, the image that is older than the last pair, with its stamp.
         self._late: dict[str, tuple[int, Any]] = {}
         self._pair: dict[str, tuple[int, Any]] | None = None
         self._waited: dict[str, tuple[int, Any]] | None = None
@@ -73,12 +72,12 @@ class Synchronizer:
 
     @property
     def waiting(self) -> int:
-        """Images that wait, for a partner, for their CameraInfo, or for their next one."""
+        """Number of images that wait for a partner, their CameraInfo, or the next image."""
         waiting = sum(map(len, self._waiting.values())) + len(self._late)
         return waiting + (2 if self._pair else 0)
 
     def reset(self) -> None:
-        """Drop what waits and accept any stamp next; CameraInfo and counters stay."""
+        """Drop waiting images and accept any stamp next; keep CameraInfo and counters."""
         self._drop_waiting()
         for side in SIDES if self._pair is not None else ():
             self._drop(f"{side} image without its camera_info")
@@ -86,17 +85,15 @@ class Synchronizer:
         self._sent = {}
 
     def restart(self, now: int) -> None:
-        """Reset, since the clock was set back to `now`, ns; stamps that went back before are
-        counted.
-        """
+        """Reset after the clock was set back to `now`, ns; counted unless the stamps were first."""
         self.restarts += self._last is not None and self._last > now
         self.reset()
 
     def add_info(self, side: str, stamp: int, info: Any) -> list[SynchronizedFrame]:
-        """Take a side's CameraInfo of a stamp, ns; return the frame that waited for it, if any."""
+        """Add a side's CameraInfo of a stamp, ns; return the frame that waited for it, if any."""
         self.received[f"{side} info"] += 1
         infos = self._infos[side]
-        # Taken out first, so that the newest arrival is always the last one.
+        # Removed first, so that the newest arrival is always the last one.
         infos.pop(stamp, None)
         infos[stamp] = info
         while len(infos) > self.config.queue_size:
@@ -106,9 +103,9 @@ class Synchronizer:
         return self._release(at_once=False)
 
     def add_image(self, side: str, stamp: int, image: Any) -> list[SynchronizedFrame]:
-        """Take a side's image of a stamp, ns; 0 stands for none.
+        """Add a side's image of a stamp, ns; 0 means no stamp.
 
-        Returns the frame that it completes, after one that it ends the wait of.
+        Returns the frame that it completes, preceded by one that it ends the wait of.
         """
         self.received[side] += 1
         if stamp == 0 or stamp in self._waiting[side]:
@@ -128,32 +125,32 @@ class Synchronizer:
         return []
 
     def refuse_image(self, side: str, reason: str) -> None:
-        """Count an image that must not wait, with the reason why."""
+        """Count an image as received and dropped, with the reason."""
         self.received[side] += 1
         self._drop(f"{side} image {reason}")
 
     def end_wait(self) -> list[SynchronizedFrame]:
-        """Release a pair that was there at the last call already, with the newest CameraInfo.
+        """Release a pair that was waiting at the last call already, with the newest CameraInfo.
 
-        Called from time to time, so that a CameraInfo that was lost does not
-        hold up the last pair of a sequence.
+        Called by a timer, so that a lost CameraInfo does not hold back the last
+        pair of a sequence.
         """
         waited, self._waited = self._waited, self._pair
         known = all(self._infos.values())
         return self._release(at_once=True) if known and waited is self._pair else []
 
     def finish(self) -> list[SynchronizedFrame]:
-        """End a sequence: release the pair that is there, and drop what has no partner."""
+        """End a sequence: release the waiting pair, and drop images without a partner."""
         frames = self._release(at_once=True)
         self._drop_waiting()
         return frames
 
     def _is_late(self, stamp: int) -> bool:
-        """Return whether an image is older than the last pair, but hardly."""
+        """Return whether a stamp is that of the last pair, or less than the limit before it."""
         return self._last is not None and 0 <= self._last - stamp < RESTART_NANOSECONDS
 
     def _take(self, side: str, stamp: int, image: Any) -> list[SynchronizedFrame]:
-        """Pair an image, or let it wait."""
+        """Pair an image with a waiting one, or let it wait."""
         other = SIDES[side == "left"]
         partner = self._partner(other, stamp)
         if partner is None:
@@ -167,7 +164,7 @@ class Synchronizer:
         return frames + (self._take_late() if restarted else [])
 
     def _take_late(self) -> list[SynchronizedFrame]:
-        """Pair the images that were late, which are those of a recording that started again."""
+        """Pair the late images, which are the first ones of a restarted recording."""
         late, self._late = self._late, {}
         frames = []
         for side, (stamp, image) in late.items():
@@ -175,7 +172,7 @@ class Synchronizer:
         return frames
 
     def _start_again(self) -> list[SynchronizedFrame]:
-        """Go on with the images that were late: a recording was started again."""
+        """Restart with the late images: a recording was restarted."""
         frames = self._release(at_once=True)
         self._forget_before_restart()
         self._last = None
@@ -185,13 +182,13 @@ class Synchronizer:
     def _forget_before_restart(self) -> None:
         self.restarts += 1
         for side, queue in self._waiting.items():
-            # Whatever is older than the last pair came after it.
+            # Images older than the last pair belong to the restarted recording.
             for stamp in [s for s in queue if self._last is not None and s > self._last]:
                 del queue[stamp]
                 self._drop(f"{side} image unmatched")
 
     def _partner(self, side: str, stamp: int) -> int | None:
-        """Return the stamp of the nearest image that waits within the tolerance."""
+        """Return the stamp of the nearest waiting image within the tolerance."""
         tolerance = round(self.config.tolerance * 1e9)
         stamps = self._waiting[side]
         if tolerance == 0:
@@ -202,16 +199,16 @@ class Synchronizer:
     def _wait(self, side: str, stamp: int, image: Any) -> None:
         queue = self._waiting[side]
         queue[stamp] = image
-        # The oldest arrival leaves, not the oldest stamp: a stamp from the
-        # future must not stay for ever.
+        # The oldest arrival is dropped, not the oldest stamp: an image with a
+        # stamp in the future must not stay for ever.
         while len(queue) > self.config.queue_size:
             del queue[next(iter(queue))]
             self._drop(f"{side} image unmatched")
 
     def _advance(self, stamp: int) -> bool:
-        """Note the time of a new pair, let go of images that it leaves behind.
+        """Store the stamp of a new pair, and drop waiting images that are older.
 
-        Returns whether it is that of a recording that was started again.
+        Returns whether the pair is from a restarted recording.
         """
         restarted = self._last is not None and stamp < self._last
         if restarted:
@@ -224,7 +221,7 @@ class Synchronizer:
         return restarted
 
     def _release(self, at_once: bool) -> list[SynchronizedFrame]:
-        """Return the pair that waits with its CameraInfo, if that is there or not waited for."""
+        """Return the waiting pair with its CameraInfo, if that is there or not waited for."""
         if self._pair is None:
             return []
         missing = [side for side in SIDES if not self._infos[side]]

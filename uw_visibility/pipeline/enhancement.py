@@ -22,12 +22,12 @@ from uw_visibility.pipeline.result import (
     FilledStereo,
 )
 
-# What is known at least of the ranges that tell of the light.
+# Least `KnownRange.known` of pixels from which veil and light are corrected.
 _KNOWN = 0.5
 
 
 class ImageEnhancement:
-    """Restoration of both views; `range_error` is the deviation of inverse range, 1/m."""
+    """Restoration of both views; `range_error` is the inverse range's standard deviation, 1/m."""
 
     def __init__(self, config: PipelineConfig, range_error: float, workers: Workers) -> None:
         self._workers = workers
@@ -40,27 +40,27 @@ class ImageEnhancement:
                 f"parameter enhancement.restorer is {name!r}: give one of {', '.join(RESTORERS)}")
         if name != RESTORER and config.lighting.model != "daylight":
             raise InputError(
-                f"enhancement.restorer is {name}, which does not know lamps (lighting.model): give "
-                f"{RESTORER}")
+                f"enhancement.restorer is {name}, which does not support lamps (lighting.model): "
+                f"give {RESTORER}")
         self._restorer = RESTORERS[name](config.enhancement, self._transfer, workers)
 
     def run(
         self, views: StereoViews, filled: FilledStereo, water: RestorationWater,
         right_gain: PerChannel, sides: Collection[str],
     ) -> EnhancedImages:
-        """Restore the images of the sides wanted: "left", "right".
+        """Restore the images of the given sides: "left", "right".
 
-        `water` is what the left camera sees, `right_gain` the irradiance in the right image over
-        that in the left, (C,). The right view needs ranges where its image is wanted.
+        `water` is that of the left image, `right_gain` the irradiance in the right image over that
+        in the left, (C,). The right image needs `filled.right`.
         """
         if not sides:
             return EnhancedImages(NOT_WANTED, NOT_WANTED, NOT_LIMITED)
         of_left, of_right = self._workers.together(
             lambda: self._known(views.left, filled.left, water),
             lambda: filled.right and self._known(views.right, filled.right, water))
-        told = filled.left.matched & (of_left.known > _KNOWN)
+        reliable = filled.left.matched & (of_left.known > _KNOWN)
         light = restoration_water(
-            views.left.pixels, filled.left.range_map, told, water, self._transfer)
+            views.left.pixels, filled.left.range_map, reliable, water, self._transfer)
         right_light = light._replace(
             exposure=right_gain, ambient_light=right_gain * light.ambient_light,
             scene_light=right_gain * light.scene_light,

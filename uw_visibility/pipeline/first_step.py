@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Step 1 of Fig. 4: coarse disparity of the raw pair, and a first estimate of the water.
 
-The map of large images is made from small copies of them: water varies with range
-only, so that their mesh tells as much of it, and averaging takes noise off the raw
-images. The water itself is read from the images as they are.
+Large images are matched on reduced copies: the effect of water varies with range
+only, so that a coarse mesh suffices, and averaging reduces the noise of the raw
+images. The water is estimated from the images at full size.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.foreground import foreground_mask
 from uw_visibility.water.lamps.estimation import LampEstimator
 
-# Images are halved as long as their small copy keeps this width, px,
+# Least width of the reduced images, px.
 _LEAST_WIDTH = 300
-# and this many disparities.
+# Least number of disparities of the reduced images.
 _FEWEST_DISPARITIES = 24
-# So many times the matches with the images exchanged mean that they are.
+# Left and right are exchanged if exchanging them multiplies the matches by more than this.
 _EXCHANGED_RATIO = 1.5
-# Where support points cover less of the grid than this, and match hardly more often than with the
-# images exchanged, they are chance's: rows do not correspond, or there is nothing but noise. Of
-# rendered, real and Middlebury pairs in clear and turbid water, with noise, the ratio is 0.1 to
-# 0.6; with rows 3 px and more apart, transposed or of other scenes 0.7 to 1.5.
+# Support points are by chance (rows do not correspond, or there is only noise) if exchanging gives
+# more than `_CHANCE_RATIO` of the matches, and they cover less than `_SPARSE` of the grid. That
+# ratio is 0.1 to 0.6 for rendered, real and Middlebury pairs in clear and turbid water with noise,
+# and 0.7 to 1.5 for pairs with rows 3 px or more apart, transposed, or of different scenes.
 _CHANCE_RATIO, _SPARSE = 0.7, 0.05
-# Deviation of a disparity between the mesh's points, px.
+# Standard deviation of a disparity between the mesh's points, px.
 _MESH_DEVIATION = 1.0
 
 
@@ -58,13 +58,13 @@ class CoarseEstimate:
     points: Points
     disparity: DisparityMap  # ``(h, w)`` float32, dense, px of the small copies
     rig: StereoRig  # geometry of the small copies
-    view: View  # the left view, with the pixels that may tell of the water as its valid ones
+    view: View  # the left view; its valid pixels are those to estimate the water from
     # ``(3,)`` or ``(1,)`` float64, irradiance in the right image over that in the left
     right_gain: PerChannel
     coverage: float  # part of the left image that the mesh covers
-    # whether the support points are few, and no more than the images match by chance
+    # whether the support points are few and count as matches by chance
     by_chance: bool = False
-    # how the light of lamps falls with range, where they alone light the scene
+    # direct light of the lamps over range, if they alone light the scene
     lamps: DirectLight | None = None
 
     def whole_disparity(self) -> DisparityMap:
@@ -130,7 +130,7 @@ class FirstStep:
             with clock("coarse disparity"):
                 return self._matcher.coarse_disparity(support)
 
-        def unlike_the_scene() -> tuple[PerChannel, View]:
+        def compare_views() -> tuple[PerChannel, View]:
             with clock("gain and foreground"):
                 gain = right_gain(left.pixels, right.pixels, support.points, left.transfer)
                 return gain, self._without_foreground(views.left, left.pixels, support)
@@ -143,7 +143,7 @@ class FirstStep:
             with clock("visibility estimation 1"):
                 return self._estimate(view, mesh, 0 if by_chance else len(support))
 
-        mesh, (gain, view) = self._workers.together(draw_mesh, unlike_the_scene)
+        mesh, (gain, view) = self._workers.together(draw_mesh, compare_views)
         disparity, water = self._workers.together(matte, estimate)
         return CoarseEstimate(
             water=water,
@@ -156,7 +156,7 @@ class FirstStep:
             by_chance=by_chance)
 
     def _without_foreground(self, view: View, small: Image, support: SupportPoints) -> View:
-        """Take unmatched close objects out of the valid pixels."""
+        """Remove unmatched close objects from the valid pixels."""
         if small.ndim == 2:
             return view
         found = foreground_mask(small, support.points, view.transfer)
@@ -166,17 +166,17 @@ class FirstStep:
         if support_points < FEWEST_SUPPORT_POINTS:
             return WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
         if isinstance(self._estimator, LampEstimator):
-            # Step 2 matches the pair as it is, so that nothing would be gained by it.
+            # Step 2 would not use the estimate: it matches without one under lamps.
             return WaterEstimate.not_assessable(Status.LEFT_TO_STEP_2)
         ranges = self._rig.range_from_disparity(self._pyramid.upsample_disparity(mesh))
         return self._estimator.estimate_view(
             view, ranges, range_error=self._rig.range_error(_MESH_DEVIATION))
 
     def _refuse_useless_pair(self, left: Image, right: Image, support: SupportPoints) -> bool:
-        """Raise where few support points have a cause that no water explains.
+        """Refuse pairs that cannot be matched for reasons other than the water.
 
-        Exchanged images still match here and there, but what follows would be invented. Returns
-        whether the support points are few, and no more than chance finds.
+        Exchanged images still have some matches, but all results would be wrong. Returns whether
+        the support points are few and count as matches by chance.
         """
         if len(support) < FEWEST_SUPPORT_POINTS:
             for side, image in (("left", left), ("right", right)):
@@ -196,9 +196,9 @@ class FirstStep:
 
 
 def reduction_factor(shape: tuple[int, int], config: PipelineConfig) -> int:
-    """Return the side of the squares of pixels that step 1 makes one of, px."""
+    """Return the factor by which step 1 reduces the images."""
     low, high = disparity_limits(config.stereo, shape[1])
-    # At least as small as what step 2 matches.
+    # At least that of step 2.
     factor = Pyramid(config.stereo.reduction, shape).factor
     while (
         shape[1] // (2 * factor) >= _LEAST_WIDTH

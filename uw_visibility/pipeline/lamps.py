@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimators by daylight and under lamps, and images restored where lamps light the scene."""
+"""Estimators of the water by daylight and under lamps, and restoration under lamps."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.lamps.estimation import LampEstimator
 from uw_visibility.water.meaning.assessment import Assessor
 
-# What matching takes for the attenuation by particles, 1/m; gains depend little on it.
+# Attenuation by particles that is assumed in matching, 1/m; gains depend little on it.
 USUAL_PARTICLES = 0.1
 
 
@@ -37,9 +37,9 @@ class Estimators:
     Attributes
     ----------
     by_daylight : WaterEstimator or None
-        None where lamps are known to light the scene.
+        None if `lighting.model` says that lamps light the scene.
     by_lamps : LampEstimator or None
-        None where daylight is known to light it.
+        None if `lighting.model` is daylight.
     """
 
     def __init__(self, config: PipelineConfig, assessor: Assessor, rig: StereoRig) -> None:
@@ -55,7 +55,7 @@ class Estimators:
 
     @property
     def first(self) -> WaterEstimator | LampEstimator:
-        """What estimates first, and by daylight tells how probable lamps are."""
+        """Estimator of step 1; by daylight it also gives the log odds of lamps."""
         found = self.by_daylight or self.by_lamps
         assert found is not None
         return found
@@ -64,7 +64,7 @@ class Estimators:
         """Probability that lamps light a view, by its first estimate."""
         if self._model != "auto":
             return float(self.by_lamps is not None)
-        # A view that does not say is estimated by daylight, and refused for what it lacks.
+        # A view with unknown odds is estimated by daylight, and refused with the reason.
         return float(np.nan_to_num(expit(first.lamps_log_odds + DECLARED)))
 
     def lit_by_lamps(self, first: WaterEstimate) -> bool:
@@ -72,7 +72,7 @@ class Estimators:
         return self.lamps(first) > 0.5
 
     def light_by_range(self, shape: tuple[int, int]) -> DirectLight | None:
-        """How light falls with range where lamps alone light the scene."""
+        """Direct light of the lamps over range; None unless they may light the scene alone."""
         if self.by_lamps is None or self._model == "both":
             return None
         return self.by_lamps.tables(shape).by_range(self._clear_water + USUAL_PARTICLES)
@@ -80,7 +80,7 @@ class Estimators:
     def estimate(
         self, view: View, range_map: RangeMap, range_error: float, first: WaterEstimate
     ) -> WaterEstimate:
-        """Estimate by what lights the view, daylight or lamps; refused where neither is sure."""
+        """Estimate by daylight or under lamps, whichever is certain; refuse if neither is."""
         lamps = self.lamps(first)
         if self.by_daylight is None or lamps >= 1.0 - MOST_LAMPS:
             assert self.by_lamps is not None
@@ -92,8 +92,8 @@ class Estimators:
         if self.by_daylight is None or self.by_lamps is None:
             return water
         if math.isnan(first.lamps_log_odds) or water.status is Status.LIGHT_UNCERTAIN:
-            # Other frames may tell what lights it: a survey under lamps can use it then. The frame
-            # alone is not restored by a light that it may not have.
+            # Other frames may show that lamps light it, and then a survey uses its nodes. Without
+            # an attenuation, the frame alone is not restored by light that it may not have.
             lit = self.by_lamps.estimate_view(view, range_map, range_error=range_error).lamps
             if lit is not None:
                 water = replace(water, lamps=replace(lit, attenuation=np.full(3, np.nan)))
@@ -111,7 +111,7 @@ class LampEnhancement:
         self._restorer = LampRestorer(config.enhancement, config.camera.transfer, workers)
 
     def warm_up(self, image: Image) -> None:
-        """Compile what is not compiled yet, for colour images of a type."""
+        """Compile kernels for colour images of a type."""
         view = View.of(image)
         one, none = np.ones(3), np.zeros(3)
         light = LampLight(0.2 * one, one, 0.1 * one, none, none)
@@ -138,7 +138,7 @@ class LampEnhancement:
     def _restore(
         self, view: View, range_map: RangeMap, light: LampLight | None, right: bool
     ) -> tuple[Image, Mask]:
-        # One channel restored beside others that are not would be a cast of its colour.
+        # Restoring only some of the channels would give a colour cast.
         if light is None or view.colour is None or not np.isfinite(light.attenuation).all():
             return view.pixels.copy(), np.zeros(view.shape, np.bool_)
         tables = tabulate(self._rays[right], view.shape, self._lamps, self._eyes[right])

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of the pipeline alone: the water from disparities of one's own, and dense matching."""
+"""Parts of the pipeline: estimation of the water from given disparities, and dense matching."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class WaterResult:
 
     @property
     def reasons(self) -> dict[str, str]:
-        """Why a quantity is not assessed, by its name; empty where all are."""
+        """Reasons for quantities that are not assessed, by their name; empty if all are."""
         named = {
             "attenuation": self.water.status,
             "visibility": self.visibility.status,
@@ -74,17 +74,17 @@ def estimate_water(
 ) -> WaterResult:
     """Estimate attenuation, visibility and depth from an image and its disparities.
 
-    For whoever has ranges of their own: another matcher, structure from motion
-    (disparity = focal length × baseline / Z), a depth camera.
+    For ranges from other sources: another matcher, structure from motion
+    (disparity = focal length × baseline / Z), or a depth camera.
 
     Parameters
     ----------
     image : ndarray
         ``(H, W, 3)`` RGB, uint8 or uint16.
     disparity : ndarray
-        ``(H, W)``, px; NaN where unknown. Open water is left unknown, and found
-        in the image. Where edges of the image and steps of the ranges coincide no more
-        than by chance, that is the status.
+        ``(H, W)``, px; NaN where unknown. Leave open water unknown: it is found in the
+        image. If edges of the image and steps of the ranges coincide no more than by
+        chance, the status is `Status.RANGES_OF_ANOTHER_SCENE`.
     rig : StereoRig
         Geometry of the pair.
     config : PipelineConfig, optional
@@ -144,10 +144,10 @@ def estimate_water(
 def match(
     left: Image, right: Image, rig: StereoRig, config: PipelineConfig | None = None
 ) -> StereoResult:
-    """Match a rectified pair densely, with its contrast restored where water took it.
+    """Match a rectified pair densely, after restoring its contrast.
 
-    Both steps of the paper's Fig. 4 without the enhanced images; whoever has many
-    pairs of one size keeps a `Pipeline` instead.
+    Both steps of the paper's Fig. 4 without the enhanced images. For many pairs of
+    one size, use a `Pipeline` instead.
 
     Parameters
     ----------
@@ -161,8 +161,8 @@ def match(
     Returns
     -------
     StereoResult
-        Disparity, px, with its confidence, and range, m; NaN where unmatched. Nothing
-        is filled.
+        Disparity, px, with its confidence, and range, m; NaN where unmatched. Gaps are
+        not filled.
 
     Raises
     ------

@@ -46,9 +46,9 @@ SIDES = ("left", "right")
 class Pipeline:
     """Pipeline of estimation and enhancement in two steps, for one rig.
 
-    Memory is allocated at the first pair of a size and used again; calls from
-    several threads are taken one after the other. Nothing is kept of a frame, so
-    that frames may be processed in any order and in parallel; see
+    Memory is allocated at the first pair of a size and reused; calls from several
+    threads run one after the other. No state is kept between frames, so that they may
+    be processed in any order, and by several pipelines in parallel; see
     `uw_visibility.water.series.filter` for the filter over frames.
 
     Parameters
@@ -58,7 +58,7 @@ class Pipeline:
     config : PipelineConfig, optional
         Parameters.
     workers : Workers, optional
-        Threads, shared with other pipelines; its own where absent.
+        Threads to share with other pipelines; by default its own.
 
     Raises
     ------
@@ -99,26 +99,25 @@ class Pipeline:
             ``(H, W, 3)`` RGB or ``(H, W)`` grey; uint8 or uint16.
         valid : ndarray, optional
             ``(H, W)`` bool, the pixels of the left image that show the scene;
-            rectification leaves some that do not.
+            rectified images have empty borders.
         match_original : bool
             Whether to match the raw pair too, for comparison.
         enhance : collection of str
-            Which of the two images are wanted enhanced: "left", "right". The
-            estimates do not depend on it.
+            Images to enhance: "left", "right". The estimates do not depend on it.
         confidence : bool
             Whether to rate the disparities.
         colour : ChromaImage, optional
-            Colour of the left image as its codec left it, which the water is then read
-            from: of a JPEG or a mosaic, see `uw_visibility.images.chroma`.
+            Colour of the left image at the native resolution of its JPEG or mosaic, for
+            the estimate of the water; see `uw_visibility.images.chroma`.
         known_light : LampLight, optional
-            Light of lamps and water over the frames before (`WaterFilter.lamps`), which
-            images under lamps are restored with, so that ground keeps its colour from frame
-            to frame; by default that of this frame.
+            Light of lamps and water from earlier frames (`WaterFilter.lamps`), with which
+            images under lamps are restored, so that colours are stable over frames; by
+            default that of this frame.
         known_water : callable, optional
-            Returns the water that the frames before tell (`WaterFilter.known`), or None. It is
-            called only where images are wanted by daylight and this frame alone is refused for what
-            it does not show, and not overexposed; they are restored with that water, instead of
-            left as they are.
+            Returns the water estimated from earlier frames (`WaterFilter.known`), or None. It is
+            called only if images are wanted and this frame, by daylight and not overexposed, does
+            not show its water; the images are then restored with that of earlier frames, instead
+            of left as they are.
 
         Returns
         -------
@@ -127,8 +126,8 @@ class Pipeline:
         Raises
         ------
         InputError
-            If the images do not fit, or show nothing that could be matched, `valid` is not
-            of their size, or `enhance` names anything else.
+            If the images do not fit, or show nothing that could be matched, if `valid` does
+            not have their size, or if `enhance` has other names.
         """
         left, right = check_pair(left, right)
         valid = check_valid(valid, left.shape)
@@ -145,7 +144,7 @@ class Pipeline:
                 coarse = replace(coarse, lamps=light)
             improved = second_step.run(
                 views, coarse, clock, match_original=match_original, confidence=confidence)
-            filled, (water, visibility, shown) = self._workers.together(
+            filled, (water, visibility, restoring) = self._workers.together(
                 lambda: self._fill(second_step, improved, enhance, clock),
                 lambda: self._assess(coarse, improved, by_lamps, clock))
             with clock("image enhancement 2"):
@@ -154,11 +153,11 @@ class Pipeline:
                     images = self._by_lamps.run(
                         views, filled, known_light or water.lamps, coarse.right_gain, enhance)
                 else:
-                    assert shown is not None
+                    assert restoring is not None
                     if known_water is not None and enhance:
-                        shown = _bridge(water, shown, known_water)
+                        restoring = _bridge(water, restoring, known_water)
                     images = self._enhancement.run(
-                        views, filled, shown, coarse.right_gain, enhance)
+                        views, filled, restoring, coarse.right_gain, enhance)
             low, high = disparity_limits(self.config.stereo, left.shape[1])
             return FrameResult(
                 water=water,
@@ -175,7 +174,7 @@ class Pipeline:
                 timing_ms=clock.milliseconds())
 
     def coarse_estimate(self, left: Image, right: Image) -> CoarseEstimate:
-        """Take step 1 alone, as `process` does; raises InputError likewise."""
+        """Run step 1 alone, as `process` does; raises InputError likewise."""
         left, right = check_pair(left, right)
         with self._lock:
             clock = StageClock()
@@ -186,20 +185,20 @@ class Pipeline:
         self, shape: tuple[int, int], dtype: Any = np.uint8, *, grey: bool = False,
         compressed: bool = False,
     ) -> None:
-        """Compile kernels, and allocate, for images of a height and width, px, and of a type.
+        """Compile kernels and allocate memory for images of a height and width, px, and a type.
 
         `grey`: the images will be grey; `compressed`: they may be JPEG.
         """
         left, right = warm_up_pair(shape, np.dtype(dtype), grey=grey)
         self.process(left, right, match_original=True)
-        # Its texture counts as noise, and matches without noise are rated otherwise.
+        # The texture counts as noise; matches without noise are rated differently.
         smooth = warm_up_pair(shape, np.dtype(dtype), grey=grey, smooth=True)
         self.process(*smooth, enhance=())
         if np.dtype(dtype) == np.uint8:
-            # As small copies of noisy images are.
+            # Reduced copies of noisy images have 16 bit.
             fine = warm_up_pair(shape, np.dtype(np.uint16), grey=grey)
             self.process(*fine, enhance=(), confidence=False)
-        # Of a small image too little is seen to reach all that an estimate may need.
+        # A small pair shows too little to reach all kernels of the estimators.
         image, ranges = warm_up_scene(np.dstack((left,) * 3) if grey else left)
         if grey:
             if self._estimators.by_daylight is not None:
@@ -213,13 +212,13 @@ class Pipeline:
             if self._by_lamps is not None:
                 self._by_lamps.warm_up(view.pixels)
         if compressed:
-            # Imported here, since images without loss need none of it.
+            # Imported here, since losslessly compressed images do not need it.
             from uw_visibility.images.jpeg import warm_up_chroma
 
             self.process(left, right, enhance=(), confidence=False, colour=warm_up_chroma(left))
 
     def allocate(self, shape: tuple[int, int]) -> None:
-        """Allocate for images of a height and width, px.
+        """Allocate memory for images of a height and width, px.
 
         Raises
         ------
@@ -245,7 +244,7 @@ class Pipeline:
     def _steps_for(
         self, shape: tuple[int, int]
     ) -> tuple[FirstStep, SecondStep, DirectLight | None]:
-        """Both steps for a size, and how the light of lamps falls with range, where it may."""
+        """Both steps for a size, and the direct light of lamps over range, if any."""
         if self._steps is None or self._shape != shape:
             self._steps = (
                 FirstStep(shape, self.rig, self.config, self._estimators.first, self._workers),
@@ -258,7 +257,7 @@ class Pipeline:
         self, step: SecondStep, improved: ImprovedDisparity, sides: Collection[str],
         clock: StageClock,
     ) -> FilledStereo:
-        """Fill the gaps of the disparity, for both views; what is filled serves colour only."""
+        """Fill the gaps of the disparity, for both views; filled values are for colour only."""
         filled = np.full_like(improved.disparity, np.nan)
         if sides:
             with clock("interpolation"):
@@ -273,15 +272,16 @@ class Pipeline:
     ) -> tuple[WaterEstimate, Visibility, RestorationWater | None]:
         """Estimate the water again, from the original pixels and the improved range; assess it.
 
-        Also return the water to restore images by daylight with.
+        Also return the water with which images by daylight are restored.
         """
         with clock("visibility estimation 2"):
-            # Water tells as much of what the right view does not show.
+            # Pixels that the right view does not show are as good for the estimate.
             ranges = self.rig.range_from_disparity(improved.with_occlusions)
             water = self._estimate(coarse, improved, ranges)
-            shown = None if by_lamps else self._shown_water(water, coarse, improved, ranges)
+            restoring = (
+                None if by_lamps else self._restoration_water(water, coarse, improved, ranges))
         with clock("assessment"):
-            return water, self._assessor.assess(water, by_lamps), shown
+            return water, self._assessor.assess(water, by_lamps), restoring
 
     def _estimate(
         self, coarse: CoarseEstimate, improved: ImprovedDisparity, ranges: RangeMap
@@ -292,16 +292,15 @@ class Pipeline:
             coarse.view, ranges, self.rig.range_error(improved.stddev), coarse.water)
         return compare_steps(coarse.water, water)
 
-    def _shown_water(
+    def _restoration_water(
         self, water: WaterEstimate, coarse: CoarseEstimate, improved: ImprovedDisparity,
         measured: RangeMap,
     ) -> RestorationWater:
-        """Water to restore the images with.
+        """Water with which the images are restored.
 
-        A channel that step 2 refuses is restored with the estimate of step 1; the estimate itself
-        stays refused. Where neither knows a channel that has light, the image stays as it is:
-        restored in two of three channels it would have a false colour. A grey image still gets its
-        contrast restored.
+        A channel that step 2 refuses is restored with the estimate of step 1, but stays refused. If
+        both refuse a channel that has light, the image stays as it is: restoring the other channels
+        would give a colour cast. A grey image has an estimate of its own, to restore its contrast.
         """
         first = coarse.water
         if coarse.view.colour is not None:
@@ -323,21 +322,22 @@ class Pipeline:
 
 
 def _bridge(
-    water: WaterEstimate, shown: RestorationWater, known_water: Callable[[], WaterEstimate | None]
+    water: WaterEstimate, restoring: RestorationWater,
+    known_water: Callable[[], WaterEstimate | None],
 ) -> RestorationWater:
-    """Water of the frames before, for one that is not restored for what it does not show.
+    """Replace the water of a frame that does not show it by that of earlier frames.
 
-    As in the filter over frames, what contradicts a frame does so to those before it, too. Veil and
-    light of another exposure are not those of a frame that is overexposed.
+    Excepted are frames that refute the model, as in the filter over frames, and overexposed ones,
+    whose exposure differs from that of earlier veil and light.
     """
     unseen = water.refused_in_light
-    if np.isfinite(shown.attenuation).any() or not unseen.any():
-        return shown
+    if np.isfinite(restoring.attenuation).any() or not unseen.any():
+        return restoring
     if water.status in REFUTING or Status.SATURATED in water.channel_status:
-        return shown
+        return restoring
     known = known_water()
-    # One channel restored beside others that are not would be a cast of its colour.
+    # Restoring only some of the channels would give a colour cast.
     if known is None or np.isnan(known.attenuation[unseen]).any():
-        return shown
+        return restoring
     return RestorationWater(
         known.attenuation, known.ambient_light, scene_light_of(known), known.ambient_light_stddev)

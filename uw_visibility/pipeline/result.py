@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Results of one stereo pair, in groups; ranges without holes and the time of its stages."""
+"""Results of one stereo pair, filled ranges, and the durations of the stages."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from uw_visibility.stereo.views import in_right_view
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Visibility
 
-# Stand for an image, and for where it was limited, that nobody asked for.
+# Placeholders for an image that is not wanted, and for its mask of limited gain.
 NOT_WANTED: Image = np.empty((0, 0), np.uint8)
 NOT_LIMITED: Mask = np.empty((0, 0), np.bool_)
 
@@ -34,18 +34,18 @@ class StereoResult:
     disparity : ndarray
         ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
     filled : ndarray
-        ``(H, W)`` float32, px; gaps filled, for colour only. Finite where anything matched
-        at all, else NaN everywhere, as where no image was wanted enhanced.
+        ``(H, W)`` float32, px; gaps filled, for colour only. Finite everywhere if any pixel
+        matched; NaN everywhere if none did, or if no enhanced image was wanted.
     range : ndarray
         ``(H, W)`` float32, m, of `disparity`, along the line of sight; NaN where unmatched.
     filled_range : ndarray
-        ``(H, W)`` float32, m, of `filled`, for colour only: what stands in the gaps was
-        not measured. Infinite where the filled disparity lies at or beyond infinity.
+        ``(H, W)`` float32, m, of `filled`, for colour only: ranges in gaps are not
+        measured. Infinite where the filled disparity lies at or beyond infinity.
     confidence : ndarray or None
         ``(H, W)`` float32, probability that `disparity` is within 1 px of the truth;
-        0 where unmatched; None where not asked for.
+        0 where unmatched; None if not wanted.
     original : ndarray or None
-        ``(H, W)`` float32, px; the raw pair matched alone, where asked for.
+        ``(H, W)`` float32, px; disparity of the raw pair; None if not wanted.
     support_points : int
         Support points of step 1.
     coverage : float
@@ -76,7 +76,7 @@ class StereoResult:
 
     @property
     def matched_fraction_original(self) -> float | None:
-        """Matched part of `original`, where there is one."""
+        """Matched part of `original`, if there is one."""
         return None if self.original is None else _matched_fraction(self.original)
 
 
@@ -92,11 +92,11 @@ class EnhancedImages:
         ``(H, W)`` bool; pixels of the left image whose gain was limited; empty where
         that image was not wanted.
     scene_light : ndarray or None
-        ``(C,)`` float64, the light W that is white in the left image; None where no image
+        ``(C,)`` float64, the light W that is white in the left image; None if no image
         was wanted.
     balanced : float
-        How far that white is the camera's own, found in neutral bright patches, 0 to 1;
-        the rest is the estimate's.
+        Weight of the camera's own white, from neutral bright patches, in that white, 0 to
+        1; the rest is from the estimate.
     """
 
     left: Image
@@ -170,10 +170,10 @@ def _matched_fraction(disparity: DisparityMap) -> float:
 
 
 class FilledRanges(NamedTuple):
-    """Ranges of one view without holes.
+    """Ranges of one view, with gaps filled.
 
     `range_map` is (H, W) float32, m; infinite where the filled disparity lies at or beyond
-    infinity. `matched` tells where the range was measured.
+    infinity. `matched` is true where the range was measured.
     """
 
     range_map: RangeMap
@@ -181,7 +181,7 @@ class FilledRanges(NamedTuple):
 
 
 class FilledStereo(NamedTuple):
-    """Disparity of the left view without holes, px, and ranges.
+    """Disparity of the left view with gaps filled, px, and ranges.
 
     `measured` are ranges of the left view, m; NaN where unmatched.
     """
@@ -198,7 +198,7 @@ class FilledStereo(NamedTuple):
     ) -> FilledStereo:
         """Find the ranges of the left view, and of the right one if wanted.
 
-        `disparity` of the left view is NaN where unmatched, `filled` the same without holes.
+        `disparity` of the left view is NaN where unmatched, `filled` the same with gaps filled.
         """
         left = FilledRanges(rig.range_of_filled(filled), np.isfinite(disparity))
         of_right = None
@@ -210,7 +210,7 @@ class FilledStereo(NamedTuple):
 
 
 class StageClock:
-    """Durations of the stages of one frame; called with a stage's name, it times a block."""
+    """Durations of the stages of one frame; ``with clock(stage)`` measures one."""
 
     def __init__(self) -> None:
         self._begin = time.perf_counter()

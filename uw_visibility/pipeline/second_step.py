@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Step 2 of Fig. 4: dense matching of the pair with its contrast restored.
 
-Where noise leaves the coarse part of a scene only, it is matched on a small copy of the pair.
+If noise hides the fine detail of a scene, a reduced copy of the pair is matched.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from uw_visibility.stereo.rig import DISPARITY_STDDEV, StereoRig
 from uw_visibility.stereo.views import in_right_view
 from uw_visibility.water.estimate import WaterEstimate
 
-# Confidence from which a match is more likely right than wrong.
+# Confidence above which a match is more likely right than wrong.
 _LIKELY = 0.5
-# Disparities to search at a coarser scale, at least.
+# Least number of disparities to search at a coarser scale.
 _FEWEST_DISPARITIES = 10
 
 
@@ -42,20 +42,20 @@ class ImprovedDisparity:
 
     disparity: DisparityMap  # ``(H, W)`` float32, left-referenced, px; NaN where unmatched
     # (H, W) float32 or None, probability that `disparity` is within 1 px of the truth; 0 where
-    # unmatched; None where not asked for
+    # unmatched; None if not wanted
     confidence: DisparityMap | None
-    # ``(H, W)`` float32, `disparity` with what the right view does not show; see `DenseMatch`. Of a
-    # coarser scale than the finest, without matches that are more likely wrong than right.
+    # ``(H, W)`` float32, `disparity` with pixels that the right view does not show; see
+    # `DenseMatch`. At coarser scales, without matches that are more likely wrong than right.
     with_occlusions: DisparityMap
-    # (H, W) float32 or None, px; the raw pair matched alone, where asked for
+    # (H, W) float32 or None, px; disparity of the raw pair; None if not wanted
     original: DisparityMap | None
     match: DenseMatch  # at the size at which the views were matched
     support_points: int  # support points of the restored pair
-    scale: int = 1  # side of the squares of pixels whose means were matched, px
+    scale: int = 1  # factor by which the matched images were reduced
 
     @property
     def stddev(self) -> float:
-        """Standard deviation of `disparity`, px: a network's is learnt from the frame."""
+        """Standard deviation of `disparity`, px; that of a network is found for each frame."""
         stddev = self.match.stddev
         return DISPARITY_STDDEV if stddev is None else stddev * self.scale
 
@@ -63,7 +63,7 @@ class ImprovedDisparity:
 class SecondStep:
     """Dense matching of the restored pair; buffers preallocated for one size of image.
 
-    Those of a coarser scale, which noise may ask for, are allocated when it first does.
+    Buffers of coarser scales, which noisy pairs need, are allocated at their first use.
 
     shape: height and width of the images, px.
     Raises `InputError` if the limits of the disparity leave nothing to search.
@@ -78,9 +78,9 @@ class SecondStep:
         self._workers = workers
         self._scales: dict[int, Scale] = {}
         self._finest = self._scale(Pyramid(config.stereo.reduction, shape).factor)
-        # Noise may ask for one as coarse as step 1 has.
+        # Factors of the scales that noisy pairs may need, up to that of step 1.
         self._sides = [self._finest.factor]
-        # A network is not: it learnt what noise hides, and sizes that it has not had are slow.
+        # A network has the finest only: it was trained on noise, and a new size is slow.
         self._network = config.stereo.matcher == ONNX
         side = 2 * self._finest.factor
         while not self._network and (
@@ -127,7 +127,7 @@ class SecondStep:
         return scale.matcher.support_points()
 
     def _scale(self, factor: int) -> Scale:
-        """The scale of a factor, allocated when it is first asked for."""
+        """The scale of a factor, allocated at its first use."""
         if factor not in self._scales:
             self._scales[factor] = Scale(
                 factor, self._shape, self._rig, self._config, self._workers,
@@ -135,7 +135,7 @@ class SecondStep:
         return self._scales[factor]
 
     def _scale_for(self, left: View, coarse: CoarseEstimate) -> Scale:
-        """The finest scale at which noise leaves most of what can be seen of the scene."""
+        """The finest scale at which most of the visible scene is not hidden by noise."""
         noise = _whole_noise(left)
         if len(self._sides) == 1 or np.max(noise) <= ROUNDING * code_value(left.pixels):
             return self._finest
@@ -161,7 +161,7 @@ class SecondStep:
             support = scale.matcher.support_points(points)
             match = scale.matcher.dense_disparity(
                 support, confidence=confidence,
-                # So much noise leaves many wrong ones, which would tell of another water.
+                # With this noise many matches are wrong, which would bias the water's estimate.
                 least_for_colour=_LIKELY if confidence and scale is not self._finest else 0.0)
         return match, len(support)
 
@@ -169,10 +169,10 @@ class SecondStep:
         self, found: ImprovedDisparity, scale: Scale, views: StereoViews, coarse: CoarseEstimate,
         clock: StageClock,
     ) -> ImprovedDisparity:
-        """Add ranges of what is too dark for a scale, and remove those of noise alone.
+        """Add disparities of parts too dark for a scale, and remove those of noise alone.
 
-        The light of lamps falls so fast with range that no one scale suits near and far: what is
-        not matched is matched at the next coarser scale, for the estimate of the water only.
+        The light of lamps falls so fast with range that no single scale suits near and far:
+        unmatched parts are matched at the next coarser scale, for the estimate of the water only.
         """
         coarser = self._coarser(scale)
         whole = found.with_occlusions
@@ -188,7 +188,7 @@ class SecondStep:
         return replace(found, with_occlusions=whole)
 
     def _coarser(self, scale: Scale) -> Scale | None:
-        """The next coarser scale; None where that leaves too few disparities."""
+        """The next coarser scale; None if it has too few disparities, or with a network."""
         factor = 2 * scale.factor
         low, high = disparity_limits(self._config.stereo, self._shape[1])
         if self._network or Pyramid(factor, self._shape).factor != factor:
@@ -203,10 +203,10 @@ class SecondStep:
         return self._finest.pyramid.upsample_disparity(found)
 
     def _describe_restored(self, scale: Scale, views: StereoViews, coarse: CoarseEstimate) -> None:
-        """Describe the pair with its contrast restored; without an estimate as it is.
+        """Describe the pair with its contrast restored, or the raw pair without an estimate.
 
-        Under lamps the known light is divided out, whatever the water is. By daylight channels that
-        are too dark are left out; those refused for another reason still show the scene.
+        Under lamps the known light is divided out, without an estimate. By daylight, channels too
+        dark are left out; if others are refused, which still show the scene, the pair stays raw.
         """
         water, lamps = coarse.water, coarse.lamps
         left, right = views
@@ -234,7 +234,7 @@ class SecondStep:
         self, scale: Scale, match: DenseMatch, original: DisparityMap | None, support_points: int,
         clock: StageClock,
     ) -> ImprovedDisparity:
-        """Bring what was matched to the size of the images."""
+        """Upsample a match to the size of the images."""
         disparity, confidence, whole = match.disparity, match.confidence, match.with_occlusions
         if scale.factor > 1:
             with clock("full size"):
@@ -251,7 +251,7 @@ def _is_known(water: WaterEstimate) -> bool:
 
 
 def _whole_noise(view: View) -> PerChannel:
-    """Noise that the pixels show, and what a codec took of them, which is faint gradients first."""
+    """Noise of the pixels, or that of the codec if larger: it removes faint gradients first."""
     colour = view.colour
     if colour is None or not colour.codec_known:
         return view.noise

@@ -19,9 +19,9 @@ from uw_visibility.optics.light_model import attenuate
 def warm_up_config(config: PipelineConfig) -> PipelineConfig:
     """Configuration that compiles the same kernels for images of any size.
 
-    The built-in parts are compiled whatever is chosen: the node takes them where a network fails,
-    and a network is tried at the real size. A flat field has the size of the real images, and their
-    disparities may begin beyond those of a small pair.
+    The built-in parts are compiled even if networks are configured: the node falls back to them,
+    and networks are tested at the real size. Flat field and limits of disparity are replaced, since
+    those of the real images do not fit a small pair.
     """
     config = config.built_in()
     camera, stereo = config.camera, config.stereo
@@ -35,7 +35,7 @@ def warm_up_pair(
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Pair of three planes under water, which exercises every stage.
 
-    Its texture counts as noise, unless it is smooth.
+    Its texture counts as noise, unless `smooth` is set.
     """
     height, width = shape
     texture = np.random.default_rng(0).random((height, width, 3))

@@ -21,11 +21,11 @@ class DepthSample:
     stamp : int
         In ns.
     depth : float
-        m, positive down; NaN where it is not known.
+        m, positive down; NaN if unknown.
     variance : float
-        m²; an estimate's, of what differs between frames.
+        m²; of an estimate, that of errors that differ between frames.
     constant_variance : float
-        Of what an estimate's error has in common over a dive, m².
+        Variance of the error that all estimates of a dive have in common, m².
     """
 
     stamp: int
@@ -39,7 +39,7 @@ class DepthSample:
     ) -> DepthSample:
         """Return an estimate of depth, m, with its standard deviation and precision, m.
 
-        All are NaN where depth is not known.
+        All are NaN if depth is unknown.
         """
         if not (math.isfinite(depth) and math.isfinite(precision)):
             return cls(stamp, math.nan, math.nan)
@@ -64,12 +64,12 @@ Value = TypeVar("Value", bound=Stamped)
 def neighbours(
     values: Sequence[Value], stamp: int, longest_gap: float
 ) -> tuple[Value, Value, float] | None:
-    """Return the values before and after a stamp, and which part of the way it is.
+    """Return the values before and after a stamp, and its position between them, 0 to 1.
 
-    values: by rising stamp.
+    values: in the order of stamps.
     stamp: in ns.
     longest_gap: values further apart than this are not neighbours, s.
-    Returns None where the values do not enclose the stamp closely.
+    Returns None if no neighbours enclose the stamp.
     """
     index = bisect_left(values, stamp, key=lambda value: value.stamp)
     if index == len(values):
@@ -91,8 +91,8 @@ def interpolate(
     if found is None:
         return None
     before, after, share = found
-    # Errors of a sensor are alike from one value to the next, so the mean of
-    # two is not taken to be better than one.
+    # Errors of successive sensor values are correlated, so the mean of two
+    # has no smaller variance.
     return DepthSample(
         stamp,
         before.depth + share * (after.depth - before.depth),
@@ -119,16 +119,16 @@ class Comparison:
     estimate, sensor : DepthSample
         The sensor's is interpolated.
     innovation : float
-        ν, m: sensor less estimate, less what is expected of that by the frames before.
+        ν, m: sensor minus estimate, minus the prediction of that from earlier frames.
     variance : float
-        S, m²: of the Gaussian that has the gate; of the estimate, the sensor, the model and what
-        is expected.
+        S, m²: that of the Gaussian with the same gate; it includes estimate, sensor, model and
+        prediction.
     nis : float
         ν²/S.
     gate : float
         Largest magnitude of ν that passes, m.
     conclusive : bool
-        Whether it proves anything: the gate is narrow, or ν beyond it.
+        Whether the gate is narrow enough, or ν beyond it.
     """
 
     estimate: DepthSample
@@ -154,10 +154,10 @@ class Report:
     reason : str
         The verdict in a sentence.
     compared, failed, inconclusive, unmatched : int
-        Comparisons; those beyond their gate; those within a gate too wide to prove
-        anything; estimates without a sensor's value at their stamp.
+        Numbers of comparisons; of those beyond their gate; of those within a gate too wide
+        to be conclusive; of estimates without a sensor's value at their stamp.
     evidence : float
-        Of a fault, s: a right sensor shows as much once in so long on average at most.
+        Of a fault, s: the mean time until a correct sensor shows as much is at least this.
     bias, bias_stddev : float
         Constant difference learned, m; NaN before the first comparison.
     """

@@ -1,23 +1,22 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bayesian model of what a depth sensor says beyond the depth estimated from colour.
+"""Bayesian model of the difference between a depth sensor and the depth estimated from colour.
 
-The difference of a right sensor and the estimate is
+The difference between a correct sensor and the estimate is
 
-    the camera's constant (white balance, kind of water), which a dive keeps,
-    + its slope over the camera's own depth (kind of water),
-    + what wanders with the scene, as much as a frame says of itself and in bursts, and with the
-      water, two Ornstein-Uhlenbeck processes,
-    + what frames and sensor are off by, each for itself;
+    the camera's constant (white balance, type of water), which is the same during a dive,
+    + its slope over the camera's own depth (type of water),
+    + errors that vary slowly, two Ornstein-Uhlenbeck processes: with the scene, in proportion to
+      the frame's own standard deviation and in bursts, and with the water,
+    + independent errors of frames and sensor;
 
-a faulty sensor adds an offset that begins at any moment, with a jump that its own depths show or
-from zero, drifts, and walks on. Both
-are Kalman filters, with how restless a dive is as hypotheses (Bar-Shalom, Li and Kirubarajan,
-"Estimation with Applications to Tracking and Navigation", 2001, section 11.6,
-doi:10.1002/0471221279). The evidence of a fault is the statistic of Shiryaev and Roberts, of which
-the mean grows by one second a second while there is none, whatever is assumed of faults: the mean
-time to a false alarm is at least the limit that it is held against (Pollak, Annals of Statistics
-13, 1985, doi:10.1214/aos/1176346587).
+a faulty sensor adds an offset that begins at any time, by a jump of the sensor's own depth or from
+zero, with a drift and a random walk. Both are Kalman filters, with hypotheses of how restless a
+dive is (Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation",
+2001, section 11.6, doi:10.1002/0471221279). The evidence of a fault is the Shiryaev-Roberts
+statistic. Without a fault its mean grows by one second per second, whatever is assumed of faults:
+the mean time to a false alarm is at least the threshold of the evidence (Pollak, Annals of
+Statistics 13, 1985, doi:10.1214/aos/1176346587).
 """
 
 from __future__ import annotations
@@ -37,25 +36,25 @@ Array = NDArray[np.float64]
 
 
 class Camera(NamedTuple):
-    """How a camera's depths err beyond their own variance; sizes are standard deviations."""
+    """Errors of a camera's depths beyond their own variance; sizes are standard deviations."""
 
-    # constant, slope: of the dive's constant and its slope, relative to what the estimate says
-    # beforehand
+    # constant, slope: of the dive's constant and its slope, relative to the first estimate's own
+    # for the constant
     constant: float
     slope: float
-    fast: float  # of what wanders with the scene, relative to a frame's own
-    # fast_time, slow_time: correlation times of what wanders with the scene and with the water, s
+    fast: float  # of the error that varies with the scene, relative to a frame's own
+    # fast_time, slow_time: correlation times of the errors with the scene and with the water, s
     fast_time: float
-    # of what wanders with the water, relative to what the estimate says of the constant
+    # of the error that varies with the water, relative to the first estimate's for the constant
     slow: float
     slow_time: float
-    # rate at which the scene throws the estimate off, 1/s; it decays as what wanders with it
+    # rate of bursts of error by the scene, 1/s; they decay as the error that varies with it
     bursts: float
-    burst: float  # by how much, relative to the model's (`PlausibilityConfig.model_stddev`)
-    outliers: float  # share of frames that are off by themselves
-    outlier: float  # by how much, relative to the model's
-    # factor by which wandering, bursts and outliers of a restless dive are larger than a usual
-    # one's, and those of a calm dive smaller
+    burst: float  # size of a burst, relative to `PlausibilityConfig.model_stddev`
+    outliers: float  # share of frames that are outliers
+    outlier: float  # size of an outlier, relative to `PlausibilityConfig.model_stddev`
+    # factor by which varying errors, bursts and outliers are larger in a restless dive than in a
+    # usual one, and smaller in a calm one
     spread: float
 
 
@@ -68,47 +67,47 @@ CAMERA = Camera(
 SCALES = (-1.0, 0.0, 1.0)
 # Frames closer in time see the same scene and have the same error, s.
 INTERVAL = 0.9
-# Standard deviation of a fault or a wild value, m: any depth that a sensor may tell; and the share
-# of wild values, one in ten minutes.
+# Standard deviation of a fault or a wild value, m: any depth of a sensor; and the share of wild
+# values, one in ten minutes.
 FAULT, WILD = 10.0, 1.0 / 600.0
 # Share of faults that begin with a jump; the others drift from zero.
 JUMPS = 0.5
-# Standard deviation of the vehicle's own vertical speed, m/s: the rest of what a sensor changes by
-# at once is a jump.
+# Standard deviation of the vehicle's vertical speed, m/s: the jump of a fault is the change of the
+# sensor minus this motion.
 MOTION = 0.5
 # Standard deviation of a fault's drift, m/s, and its random walk, m²/s: a metre in some minutes.
 DRIFTING, WALK = 1.0 / 60.0, 0.001
-# Time over which the camera's own depth is smoothed, s: a frame's own error is not depth.
+# Time constant by which the camera's own depth is smoothed, s, against errors of single frames.
 SMOOTHED = 16.0
 # Lower limits that keep logarithms finite: of time, s, and of a weight.
 SHORTEST, LEAST_WEIGHT = 1e-6, 1e-12
-# How well a gate is known, relatively.
+# Relative tolerance of a gate.
 PRECISE = 1e-6
 
 CONSTANT, SLOPE, FAST, SLOW, OFFSET, DRIFT = range(6)
 STATES = 6
-# Row of the difference.
+# Row of the observation: the states whose sum is the difference.
 SEEN = np.array((1.0, 0.0, 1.0, 1.0, 1.0, 0.0))
 
 
 class Taken(NamedTuple):
-    """A difference that is to be taken."""
+    """Conditions of one difference."""
 
-    elapsed: float  # since the last one taken, s
-    depth: float  # as the camera tells it, m
-    # variance, sensor_variance: of the estimate, of what differs between frames, and of the sensor,
-    # m²
+    elapsed: float  # since the last update, s
+    depth: float  # estimated by the camera, m
+    # variance, sensor_variance: of the estimate's errors that differ between frames, and of the
+    # sensor, m²
     variance: float
     sensor_variance: float
-    # of the sensor since the last one taken, m; NaN where there is none
+    # change of the sensor's depth since the last update, m; NaN if unknown
     sensor_change: float = math.nan
 
 
 class RightSensor:
-    """Filter of the difference of a right sensor and the estimate.
+    """Filter of the difference between a correct sensor and the estimate.
 
     estimate: the first one of a dive that is compared.
-    stddev: of what the estimate's own does not hold and is not constant, m.
+    stddev: of varying errors that the estimate's own does not include, m.
     """
 
     def __init__(self, estimate: DepthSample, stddev: float, camera: Camera) -> None:
@@ -123,7 +122,7 @@ class RightSensor:
         self._fast = camera.fast**2 * scales
         self._slow = (camera.slow * constant_stddev) ** 2 * scales
         self._times = np.array((camera.fast_time, camera.slow_time))
-        # Another water type scales depth: its error is a share of depth beforehand.
+        # Another water type scales depth, so its prior error is proportional to depth.
         slope = (camera.slope * constant_stddev / max(depth, constant_stddev)) ** 2
         covariance = np.zeros((len(SCALES), STATES, STATES))
         covariance[:, CONSTANT, CONSTANT] = (
@@ -136,15 +135,15 @@ class RightSensor:
 
     @property
     def constant(self) -> tuple[float, float]:
-        """Constant difference at the present depth, without wander, and its stddev, m."""
+        """Constant difference at the present depth, and its standard deviation, m."""
         means, covariances = self.filter
         return _moments(self.weights, means[:, CONSTANT], covariances[:, CONSTANT, CONSTANT])
 
     def predict(self, taken: Taken, confidence: float) -> tuple[float, float]:
         """Predict a difference.
 
-        Returns `mean, gate`, of the difference, m, and how far from it a right sensor's is with a
-        probability.
+        Returns `mean, gate`, m: the mean, and the distance from it within which the difference of a
+        correct sensor is with probability `confidence`.
         """
         means, covariances = self.filter.predict(*self.motion(taken))
         variances = covariances @ SEEN @ SEEN + taken.sensor_variance
@@ -156,7 +155,7 @@ class RightSensor:
         return mean, _gate(weights, expected - mean, stddevs, confidence)
 
     def observe(self, taken: Taken, difference: float = math.nan) -> Observation:
-        """Return what a difference tells, of a usual frame, a begun burst, one off, a wild one."""
+        """Return the distribution of a difference: usual, start of a burst, outlier, wild value."""
         bursts = -math.expm1(-self._rate * taken.elapsed)
         alone = (1.0 - WILD) * self._outliers
         others = 1.0 - WILD - alone
@@ -168,18 +167,18 @@ class RightSensor:
             np.stack([none, none, self._outlier, np.full_like(none, FAULT**2)]))
 
     def update(self, taken: Taken, ahead: Filter, observation: Observation) -> float:
-        """Take a difference into the filter as predicted; return its log density."""
+        """Update the predicted filter `ahead` with a difference; return its log density."""
         self._depth = self._smoothed(taken.elapsed, taken.depth)
         self.filter, log_densities = ahead.update(observation)
         log_weights = np.log(self.weights) + log_densities
         log_density = float(np.logaddexp.reduce(log_weights))
-        # A dive may become restless later.
+        # All hypotheses keep some weight, since a dive may become restless later.
         weights = np.maximum(np.exp(log_weights - log_density), LEAST_WEIGHT)
         self.weights = weights / weights.sum()
         return log_density
 
     def motion(self, taken: Taken) -> tuple[Array, Array]:
-        """Return the transition of the states up to a difference, and the variance that it adds."""
+        """Return the transition matrix of the states since the last update, and its covariance."""
         kept = np.exp(-taken.elapsed / self._times)
         deeper = self._smoothed(taken.elapsed, taken.depth) - self._depth
         transition = np.eye(STATES)
@@ -195,10 +194,10 @@ class RightSensor:
 
 
 class InnovationModel:
-    """Evidence of a fault of the sensor, by filters without and with one.
+    """Evidence of a fault of the sensor, by filters without and with a fault.
 
     right: filter without a fault.
-    evidence: of a fault, s; a right sensor reaches it once in so long on average at most.
+    evidence: of a fault, s; the mean time until a correct sensor reaches it is at least this.
     """
 
     def __init__(self, right: RightSensor) -> None:
@@ -208,17 +207,17 @@ class InnovationModel:
         self._faults: list[Fault] = []
 
     def update(self, taken: Taken, difference: float, most: float) -> None:
-        """Take a difference.
+        """Update evidence and filters with a difference.
 
-        difference: of sensor and estimate, m.
-        most: the evidence is no more than this, s, so that a sensor that recovers is believed.
+        difference: sensor minus estimate, m.
+        most: limit of the evidence, s, so that a sensor that recovers is trusted again.
         """
         right = self.right
         transition, added = right.motion(taken)
         ahead = right.filter.predict(transition, added)
         observation = right.observe(taken, difference)
-        begun, log_begun = _begun(ahead, taken, observation)
-        # In logarithms: densities of outliers underflow.
+        begun, log_begun = _fault_from(ahead, taken, observation)
+        # Logarithms, since densities of outliers underflow.
         log_begun = log_begun + np.log(max(taken.elapsed, SHORTEST) * right.weights)
         log_right = right.update(taken, ahead, observation)
         transition[OFFSET, DRIFT] = taken.elapsed
@@ -236,10 +235,10 @@ class InnovationModel:
 
 
 class Observation(NamedTuple):
-    """What a difference tells: its value and variance, and the kinds of frames it may be of.
+    """A difference, the sensor's variance, and the kinds of frames that it may be of.
 
-    Of each kind `shares` (K,), and what it adds to variances, m², (K, J): `burst` to that of what
-    wanders with the scene, `apart` to that of the frame alone.
+    `shares` (K,) are the probabilities of the kinds. Each adds to variances, m², (K, J): `burst` to
+    that of the error that varies with the scene, `apart` to that of the frame alone.
     """
 
     difference: float
@@ -256,13 +255,13 @@ class Filter(NamedTuple):
     covariances: Array
 
     def predict(self, transition: Array, added: Array) -> Filter:
-        """Predict: states move by a matrix, and covariances have some added."""
+        """Predict by a transition matrix and an added covariance."""
         return Filter(
             self.means @ transition.T,
             transition @ self.covariances @ transition.T + added)
 
     def update(self, observation: Observation) -> tuple[Filter, Array]:
-        """Update by the probabilities of the kinds of frames; also log density (..., J)."""
+        """Update with the mixture of kinds of frames; also return its log density (..., J)."""
         difference, variance, shares, bursts, aparts = observation
         residuals = difference - self.means @ SEEN
         cross = self.covariances @ SEEN
@@ -281,11 +280,11 @@ class Filter(NamedTuple):
         return _mixed(parts, log_densities)
 
 
-def _begun(ahead: Filter, taken: Taken, observation: Observation) -> tuple[Filter, Array]:
+def _fault_from(ahead: Filter, taken: Taken, observation: Observation) -> tuple[Filter, Array]:
     """Return the filter of a fault that begins with a difference, and its log density.
 
-    What the sensor itself has changed by is given, and no evidence: that is of the difference
-    alone, so that its mean stays what it is whatever the vehicle does.
+    The change of the sensor is a condition, not evidence. Only the difference is evidence, so that
+    the mean of the evidence does not depend on the vehicle's motion.
     """
     parts, log_densities = [], []
     for share, mean, variance in _onsets(taken):
@@ -300,7 +299,7 @@ def _begun(ahead: Filter, taken: Taken, observation: Observation) -> tuple[Filte
 
 
 def _onsets(taken: Taken) -> list[tuple[float, float, float]]:
-    """Return shares, means, m, and variances, m², of a fault's offset as it begins."""
+    """Return probabilities, means, m, and variances, m², of the first offset of a fault."""
     if not math.isfinite(taken.sensor_change):
         return [(1.0 - JUMPS, 0.0, 0.0), (JUMPS, 0.0, FAULT**2)]
     moved = (MOTION * taken.elapsed) ** 2 + 2.0 * taken.sensor_variance
@@ -312,7 +311,7 @@ def _onsets(taken: Taken) -> list[tuple[float, float, float]]:
 
 
 class Fault(NamedTuple):
-    """Fault that began at one of so many neighbouring differences.
+    """Fault that began at one of `onsets` successive differences.
 
     `log_evidence` is the logarithm of its evidence, s, (J,).
     """
@@ -325,7 +324,7 @@ class Fault(NamedTuple):
 def _updated(
     faults: Sequence[Fault], transition: Array, added: Array, observation: Observation
 ) -> list[Fault]:
-    """Predict faults, and take a difference."""
+    """Predict faults, and update them with a difference."""
     if not faults:
         return []
     ahead = _stacked([fault.filter for fault in faults]).predict(transition, added)
@@ -338,7 +337,7 @@ def _updated(
 
 
 def _merge(faults: list[Fault]) -> None:
-    """Merge the oldest, until of each power of two of onsets two stay at most."""
+    """Merge the oldest faults, until at most two have the same number of onsets."""
     onsets = 1
     while sum(fault.onsets == onsets for fault in faults) > 2:
         at = next(k for k, fault in enumerate(faults) if fault.onsets == onsets)
@@ -355,7 +354,7 @@ def _stacked(parts: Sequence[Filter]) -> Filter:
 
 
 def _mixed(parts: Sequence[Filter], log_weights: Sequence[Array]) -> tuple[Filter, Array]:
-    """Merge Gaussian mixtures by moments; also the logarithm of the sum of their weights."""
+    """Merge Gaussian mixtures by moments; also return the logarithm of their total weight."""
     log_total = np.logaddexp.reduce(log_weights)
     shares = np.exp(log_weights - log_total)
     means, covariances = _stacked(parts)
@@ -367,7 +366,7 @@ def _mixed(parts: Sequence[Filter], log_weights: Sequence[Array]) -> tuple[Filte
 
 
 def _gate(weights: Array, means: Array, stddevs: Array, confidence: float) -> float:
-    """Return how far from zero a mixture of Gaussians is with a probability."""
+    """Return the distance from zero within which a Gaussian mixture is with a probability."""
     weights = weights / weights.sum()
 
     def lacking(gate: float) -> float:

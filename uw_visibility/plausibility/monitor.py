@@ -5,8 +5,8 @@
 The test is the one of a filter's consistency: the innovation ν, its variance S and the
 normalised innovation squared ν²/S against the χ² distribution with one degree of freedom
 (Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation",
-2001, section 5.4, doi:10.1002/0471221279). What is expected of the difference, and the evidence
-of a fault, are those of `uw_visibility.plausibility.model`.
+2001, section 5.4, doi:10.1002/0471221279). The prediction of the difference and the evidence of
+a fault are those of `uw_visibility.plausibility.model`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from uw_visibility.plausibility.model import (
 )
 from uw_visibility.status import Status
 
-# Bounds memory: 10 s of a sensor at 200 Hz.
+# Limit of memory: 10 s of a sensor at 200 Hz.
 SENSOR_SAMPLES = 2000
 WAITING_ESTIMATES = 100
 
@@ -41,9 +41,9 @@ HOUR = 3600.0
 # Tolerance for rounding at the limit of evidence.
 REACHED = 1.0 - 1e-9
 NO_SENSOR = "no depth_sensor yet"
-# Step by which a comparison moves the logarithm of the gate, so that in the long run as many pass
-# as should whatever the camera's errors are: that of Angelopoulos, Candes and Tibshirani (2023,
-# doi:10.48550/arXiv.2307.16895), relative to the gate.
+# Step by which a comparison changes the logarithm of the gate, so that in the long run the
+# configured share passes, whatever the camera's errors are: that of Angelopoulos, Candes and
+# Tibshirani (2023, doi:10.48550/arXiv.2307.16895), relative to the gate.
 WIDENING = 0.1
 
 # A stamp older than the newest by more than this starts a new recording, ns.
@@ -54,7 +54,7 @@ class DepthMonitor:
     """Innovation test of a depth sensor, with a verdict by the evidence of all comparisons.
 
     An estimate waits until the sensor's values enclose its stamp. Times of
-    arrival are of any clock that only goes forward, and tell what is stale.
+    arrival are of any monotonic clock, and show what is stale.
 
     Parameters
     ----------
@@ -67,13 +67,13 @@ class DepthMonitor:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything, the learned bias too."""
+        """Discard all samples, verdicts and the learned bias."""
         self._samples: deque[DepthSample] = deque(maxlen=SENSOR_SAMPLES)
         self._waiting: deque[DepthSample] = deque(maxlen=WAITING_ESTIMATES)
         self._model: InnovationModel | None = None
-        # Stamp and the sensor's depth of the last comparison that the model has taken.
+        # Stamp and the sensor's depth of the last comparison that has updated the model.
         self._taken, self._sensor_taken = 0, math.nan
-        # Logarithm of the factor by which gates are wider than the model has them.
+        # Logarithm of the factor by which the gates of the model are widened.
         self._widening = 0.0
         self._status = Status.OK
         self._last: Comparison | None = None
@@ -83,7 +83,7 @@ class DepthMonitor:
         self._unmatched = 0
 
     def add_sensor(self, sample: DepthSample, arrival: float) -> list[Comparison]:
-        """Take a value of the sensor.
+        """Add a value of the sensor.
 
         Parameters
         ----------
@@ -95,7 +95,7 @@ class DepthMonitor:
         Returns
         -------
         list of Comparison
-            Those that it completes.
+            Comparisons that it completes.
         """
         newest = self._samples[-1].stamp if self._samples else sample.stamp - 1
         self._sensor_arrival = arrival
@@ -107,12 +107,12 @@ class DepthMonitor:
         return self._compare_waiting(arrival)
 
     def add_estimate(self, sample: DepthSample, status: Status, arrival: float) -> list[Comparison]:
-        """Take an estimate.
+        """Add an estimate.
 
         Parameters
         ----------
         sample : DepthSample
-            Depth NaN where it is not assessable.
+            Depth NaN if not assessable.
         status : Status
             Of the estimate.
         arrival : float
@@ -121,7 +121,7 @@ class DepthMonitor:
         Returns
         -------
         list of Comparison
-            Those that it completes.
+            Comparisons that it completes.
         """
         known = math.isfinite(sample.depth) and math.isfinite(sample.variance)
         self._estimate_arrival = arrival
@@ -216,7 +216,7 @@ class DepthMonitor:
             )
         bias, bias_stddev = model.right.constant
         found = (
-            f"sensor {last.innovation:+.2f} m from what is expected, gate {last.gate:.2f} m, "
+            f"sensor {last.innovation:+.2f} m from the prediction, gate {last.gate:.2f} m, "
             f"after a learned bias of {bias:+.2f} ± {bias_stddev:.2f} m"
         )
         for verdict, hours in (
@@ -224,7 +224,7 @@ class DepthMonitor:
         ):
             if model.evidence >= REACHED * HOUR * hours:
                 return verdict, (
-                    f"{found}; a right sensor shows as much at most once in {hours:g} h"
+                    f"{found}; a correct sensor shows as much at most once in {hours:g} h"
                 )
         if now - self._conclusive_arrival > config.timeout:
             return Verdict.NOT_ASSESSABLE, (

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Node core: topics in, a worker thread, topics out."""
+"""Node core: subscriptions, worker threads, publishers and diagnostics."""
 
 from __future__ import annotations
 
@@ -51,32 +51,32 @@ from uw_visibility.stereo.calibration import image_size
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.series.filter import FilteredWater, KnownWater, WaterFilter
 
-# A pair waits one to two periods for CameraInfo of its stamp, s.
+# A pair waits one to two of these periods for the CameraInfo with its stamp, s.
 CAMERA_INFO_PERIOD = 0.1
-# How often the subscriptions look at their publishers, s.
+# Period at which the subscriptions adapt to their publishers, s.
 QOS_PERIOD = 0.5
-# How often a reason for the lack of output is repeated in the log, s.
+# Period at which the log repeats why there is no output, s.
 SILENCE_PERIOD = 30.0
 # Only one core compiles kernels at a time.
 WARMING = threading.Lock()
-# A clock that goes back by more than this was set back, s.
+# Smallest backward jump of the clock that resets the state, s.
 CLOCK_JUMP = 0.1
-# So many frames in a row that a network loses make the built-in parts take over.
+# Failures of a network in a row, after which the built-in parts replace it.
 MOST_FAILURES = 3
 
 
 class NodeCore:
-    """Node core, for a plain and for a managed node.
+    """Core of the plain and of the managed node.
 
-    The executor's callbacks only sort messages; the pipeline runs in the
-    worker's threads, which also publish, in the order of the frames.
+    The executor's callbacks only pair messages. The worker's threads run the
+    pipeline and publish the results in the order of the frames.
     """
 
     def __init__(self, node: Node, parameters: NodeParameters) -> None:
         self._node = node
         self._log = node.get_logger()
         self._parameters = parameters
-        # rclpy ties a severity to the line that logs, so each log has a line of its own.
+        # rclpy refuses a second severity from the same source line: one lambda for each log.
         self.state = PipelineState(ReasonLog(lambda line: self._log.error(line)))
         self._silences = ReasonLog(lambda line: self._log.warning(line), SILENCE_PERIOD)
         self._jumps = ReasonLog(lambda line: self._log.warning(line))
@@ -88,19 +88,19 @@ class NodeCore:
         node_settings = self._settings.node
         self.worker = NewestWorker(
             self._process, self._warm_up, node_settings.niceness, node_settings.frames_at_once)
-        # Geometry and size of the images that came last.
+        # Rig and size (height, width), px, of the last images.
         self._images: tuple[StereoRig, tuple[int, int]] | None = None
         self._tried: tuple[Any, ...] = ()
         self.try_out(self._settings)
         self._publishers: dict[str, Any] = {}
-        # Undoes what was made on the node, the whole or a part of it.
+        # Destroys what was created on the node, also if `_make` fails halfway.
         with ExitStack() as made:
             self._make(made)
             self._made = made.pop_all()
         self.worker.start()
 
     def _make(self, made: ExitStack) -> None:
-        """Make publishers, subscriptions and timers on the node."""
+        """Create publishers, subscriptions and timers on the node."""
         node = self._node
         for topic, name in all_topics(self._settings.node).items():
             publisher = publish_on(node, message_type(name), topic)
@@ -111,7 +111,7 @@ class NodeCore:
         self.input.rest(False)
         self._depth = DepthCheck(node, self._parameters, made)
         check_qos_overrides(node)
-        # Steady clock: these periods do not follow recorded time.
+        # Steady clock: these periods do not follow simulated time.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         for period, callback in (
             (CAMERA_INFO_PERIOD, self.input.end_wait), (QOS_PERIOD, self._update_input),
@@ -127,7 +127,7 @@ class NodeCore:
         made.callback(setattr, self._parameters, "try_out", None)
 
     def _update_input(self) -> None:
-        """Adapt the subscriptions to who publishes, and to who wants results."""
+        """Adapt QoS to the publishers; unsubscribe while a lazy node has no subscribers."""
         wanted = self._depth.wanted or any(
             publisher.get_subscription_count() > 0 for publisher in self._publishers.values()
         )
@@ -138,7 +138,7 @@ class NodeCore:
         self.input.update_qos()
 
     def try_out(self, settings: Settings) -> None:
-        """Try settings on images of the present size and calibration."""
+        """Refuse settings that do not work with the size and calibration of the last images."""
         rig, shape = self._images or (None, None)
         config = settings.pipeline
         if shape is not None:
@@ -150,18 +150,18 @@ class NodeCore:
         self.state.models = digests(config)
 
     def activate(self) -> None:
-        """Take images and publish results from now on."""
+        """Start to accept images and to publish results."""
         self._active_since = time.monotonic()
         self.input.active = True
 
     def deactivate(self) -> None:
-        """Take no image and publish no result from now on."""
+        """Stop accepting images and publishing results."""
         self._active_since = None
         self.input.active = False
         self.input.synchronizer.reset()
 
     def stop(self, timeout: float) -> bool:
-        """End the worker; returns whether it ended within the timeout (s)."""
+        """Stop the worker; return whether it ended within the timeout (s)."""
         self.deactivate()
         return self.worker.stop(timeout)
 
@@ -170,7 +170,7 @@ class NodeCore:
         self._made.close()
 
     def diagnose(self) -> Mapping[str, Finding]:
-        """Return the findings by the part of the node; a lack of output is logged too."""
+        """Return the findings by part of the node; log a lack of output, too."""
         since = self._active_since
         resting = self.input.resting and since is not None
         reason = "" if resting else self._silence()
@@ -211,7 +211,7 @@ class NodeCore:
             if self._ending():
                 # The interpreter may be shutting down.
                 return
-            # Frames of the real size may work, or tell why they do not.
+            # Real frames may still work; if not, their errors are reported.
             self._log.error(f"the pipeline failed to warm up\n{traceback.format_exc()}")
         self.state.ready = True
         if self.worker.stopping:
@@ -222,16 +222,16 @@ class NodeCore:
         )
 
     def _process(self, frame: StereoFrame, turn: Turn) -> None:
-        """Answer a frame; whatever goes wrong costs this frame, not the node."""
+        """Process a frame; an error loses this frame only and is reported."""
         if not self._wanted():
             return
         pipeline = self._settings.pipeline
-        # A network has threads of its own, and memory that there may be once only.
+        # Networks use threads of their own, and memory may not suffice for two at once.
         built_in = pipeline.built_in() == pipeline
         self.worker.lanes = self._settings.node.frames_at_once if built_in else 1
         with self.state.busy():
             try:
-                self._answer(frame, turn)
+                self._run_pipeline(frame, turn)
             except NetworkError as error:
                 turn.wait()
                 if self.state.substitute.fail(error) and self._wanted():
@@ -246,8 +246,8 @@ class NodeCore:
                     reason = f"lost a frame to {describe_fault(error)}"
                     self.state.fail(reason, f"\n{traceback.format_exc()}")
 
-    def _answer(self, frame: StereoFrame, turn: Turn) -> None:
-        """Read a frame, run the pipeline on it, and publish what it says when it is its turn."""
+    def _run_pipeline(self, frame: StereoFrame, turn: Turn) -> None:
+        """Read a frame, run the pipeline, and publish the results in the order of the frames."""
         settings = self._settings
         begin = time.perf_counter()
         work = self._read(
@@ -258,7 +258,7 @@ class NodeCore:
             known_light = self._filter_for(settings).lamps
 
         def known_water() -> KnownWater | None:
-            # That of the frames before, which another lane may still be at.
+            # The filter needs all earlier frames, which other lanes may still process.
             turn.wait()
             with self._filtering:
                 return self._filter_for(settings).known
@@ -268,13 +268,13 @@ class NodeCore:
         self.state.substitute.succeed()
         if not self._wanted():
             return
-        told = time.perf_counter()
+        assessed = time.perf_counter()
         with self._filtering:
             filtered = self._filter_for(settings).update(
                 result.water, work.header.seconds, work.rig)
         for topic, message in work.messages(result, settings.node, topics, filtered):
             self._publishers[topic].publish(message)
-        around = read - begin + time.perf_counter() - told
+        around = read - begin + time.perf_counter() - assessed
         stamp = frame.left.header.stamp
         now = self._node.get_clock().now().nanoseconds
         self.state.add(
@@ -286,7 +286,7 @@ class NodeCore:
                 self._log.warning(ASK_TRANSFER)
 
     def _filter_for(self, settings: Settings) -> WaterFilter:
-        """The filter, made anew where parameters have changed."""
+        """Return the filter; it is a new one after a change of parameters."""
         if self._filter is None or self._filter.config != settings.pipeline:
             self._filter = WaterFilter(settings.pipeline)
         return self._filter
@@ -305,22 +305,22 @@ class NodeCore:
         return work
 
     def _wanted(self) -> bool:
-        """Return whether results are wanted, which may end while a frame is processed."""
+        """Return whether to publish; the node may be deactivated while a frame is processed."""
         return self._active_since is not None and not self._ending()
 
     def _ending(self) -> bool:
         return self.worker.stopping or not self._node.context.ok()
 
     def _wanted_topics(self) -> list[str]:
-        """Return the topics to publish: estimates always, images where someone listens."""
+        """Return the topics to publish: estimates always, others only with subscribers."""
         return [
             topic for topic, publisher in self._publishers.items()
             if topic.startswith("visibility/") or publisher.get_subscription_count() > 0
         ]
 
     def _on_restart(self) -> None:
-        """Forget the past of a recording: its stamps and its clock go back together."""
-        self._jumps.add("time jumped back: starting anew from there")
+        """Reset the depth check after a jump back in time, of the stamps or of the clock."""
+        self._jumps.add("time jumped back: continuing from the new time")
         self._depth.reset()
 
     def _on_clock_jump(self, jump: Any) -> None:
@@ -328,14 +328,14 @@ class NodeCore:
         self.input.synchronizer.restart(self._node.get_clock().now().nanoseconds)
 
     def _silence(self) -> str:
-        """Return why there is no output, or nothing where there is."""
+        """Return the reason for a lack of output, or ""."""
         if self._active_since is None:
             return "the node is not active: activate it"
         return self.state.obstacle() or self.input.silence() or self.state.silence()
 
 
 def check_megapixels(width: int, height: int, most: float) -> None:
-    """Refuse images of more pixels than there may be memory for."""
+    """Refuse images of more than `most` megapixels, to limit memory."""
     if width * height > 1e6 * most:
         raise InputError(
             f"images have {width}x{height} pixels, more than max_megapixels, which is {most:g}: "
@@ -344,11 +344,11 @@ def check_megapixels(width: int, height: int, most: float) -> None:
 
 
 class Substitute:
-    """The built-in matcher and restorer in the place of a network that fails again and again.
+    """Fallback to the built-in matcher and restorer after repeated failures of a network.
 
-    Recordings are replayed without: what a frame gives may not depend on those before it.
+    Replay has no fallback, since results of a frame must not depend on failures of earlier ones.
 
-    reason: why the built-in parts stand in; "" where they do not.
+    reason: why the built-in parts are in use; "" if they are not.
     """
 
     def __init__(self) -> None:
@@ -357,13 +357,13 @@ class Substitute:
         self._wanted: PipelineConfig | None = None
 
     def config(self, wanted: PipelineConfig) -> PipelineConfig:
-        """Return the configuration to use; with other parameters the network is tried again."""
+        """Return the configuration to use; a change of parameters ends the fallback."""
         if wanted != self._wanted:
             self._wanted, self._failures, self.reason = wanted, 0, ""
         return wanted.built_in() if self.reason else wanted
 
     def fail(self, error: NetworkError) -> bool:
-        """Note a lost frame; returns whether the built-in parts take over from now on."""
+        """Count a lost frame; return whether the fallback begins with it."""
         self._failures += 1
         if self._failures < MOST_FAILURES or self.reason:
             return False
@@ -373,19 +373,19 @@ class Substitute:
         return True
 
     def succeed(self) -> None:
-        """Note a frame that was processed."""
+        """Reset the count of failures, after a frame that was processed."""
         self._failures = 0
 
 
 class PipelineState:
     """Counts frames by their outcome; written by the worker, read by the diagnostics.
 
-    processed, refused, failed: frames whose results were published; those that cannot be used;
-        those lost to an error inside.
-    calibrations: how often CameraInfo was new.
-    failures: why frames gave no result.
+    processed, refused, failed: numbers of frames with published results, with unusable input, and
+        lost to internal errors.
+    calibrations: changes of the calibration, including the first one.
+    failures: log of the reasons why frames gave no result.
     models: SHA-256 of the networks in use, by name of parameter.
-    substitute: whether the built-in parts stand in for them.
+    substitute: fallback to the built-in parts if these fail.
     """
 
     def __init__(self, failures: ReasonLog) -> None:
@@ -395,7 +395,7 @@ class PipelineState:
         self.failures = failures
         self._recent = RecentCounts(SILENCE)
         self._lock = threading.Lock()
-        # When frames began that are being processed, s.
+        # Start times of the frames in process, s.
         self._begun: list[float] = []
         self._answered = 0.0
         self._problem = ""
@@ -420,10 +420,10 @@ class PipelineState:
         self, result: FrameResult, latency: float, around: float,
         filtered: FilteredWater | None = None,
     ) -> None:
-        """Note a result that was published.
+        """Count a frame whose result was published.
 
         latency: time since the image's stamp, s.
-        around: what reading the images and publishing the messages took, ms.
+        around: time for reading the images and publishing the messages, ms.
         """
         with self._lock:
             self._result, self._latency, self._problem = result, latency, ""
@@ -432,14 +432,14 @@ class PipelineState:
             self.processed += 1
 
     def refuse(self, reason: str) -> None:
-        """Note a frame that cannot be used."""
+        """Count a frame with unusable input."""
         with self._lock:
             self._problem = reason
             self.failures.add(reason)
             self.refused += 1
 
     def fail(self, reason: str, details: str) -> None:
-        """Note a frame that was lost to an error inside."""
+        """Count a frame that was lost to an internal error."""
         with self._lock:
             self._problem = reason
             self.failures.add(reason, details)
@@ -456,10 +456,10 @@ class PipelineState:
         return ""
 
     def silence(self) -> str:
-        """Return why frames come in but no results go out, or nothing where they do."""
+        """Return why incoming frames give no results, or ""."""
         if time.monotonic() - self._answered <= SILENCE:
             return ""
-        # A frame that came after a pause is on its way through the pipeline.
+        # After a pause of the input, its first frame may still be in process.
         return self._problem or ("" if self.processed else "no frame was processed yet")
 
     def diagnose(self, silence: str, skipped: int) -> Finding:
@@ -493,16 +493,16 @@ class PipelineState:
             return Finding(OK, f"{rate:.1f} frames per second; water of a survey: {survey}", values)
         if missing:
             return Finding(WARN, missing, values)
-        said = f"{rate:.1f} frames per second"
+        text = f"{rate:.1f} frames per second"
         share = recent.get("skipped", 0) / max(sum(recent.values()), 1)
         if share > 0.5:
             return Finding(
-                WARN, f"{said}, {share:.0%} of the frames are skipped: lower the camera's rate, or "
+                WARN, f"{text}, {share:.0%} of the frames are skipped: lower the camera's rate, or "
                 "set stereo.reduction", values)
-        return Finding(OK, said, values)
+        return Finding(OK, text, values)
 
     def _missing(self) -> str:
-        """Return which quantity of the last frame is not assessable, and why; "" if none."""
+        """Return which estimate of the last frame is not assessable, and why; "" if none."""
         if self._result is None:
             return ""
         status, distance = self._result.status, self._result.visibility.status
@@ -514,7 +514,7 @@ class PipelineState:
 
 
 def _values(result: FrameResult, filtered: FilteredWater | None) -> dict[str, Any]:
-    """Return the numbers of a frame and of the filter, by name."""
+    """Return the diagnostic values of a frame and of the filter, by name."""
     values: dict[str, Any] = {
         "status": result.status,
         "visibility status": result.visibility.status,
@@ -543,7 +543,7 @@ LEVELS = {
 
 
 class DepthCheck:
-    """Plausibility test, fed from the sensor's callback and the pipeline's thread."""
+    """Plausibility test of the depth sensor; the sensor's callback and the worker call it."""
 
     def __init__(self, node: Node, parameters: NodeParameters, made: ExitStack) -> None:
         self._node = node
@@ -569,17 +569,17 @@ class DepthCheck:
 
     @property
     def wanted(self) -> bool:
-        """Whether somebody subscribes to what it publishes."""
+        """Whether its topics have a subscriber."""
         publishers = self._publishers.values()
         return any(publisher.get_subscription_count() > 0 for publisher in publishers)
 
     def reset(self) -> None:
-        """Forget everything: time has jumped."""
+        """Discard all samples, after a jump of time."""
         with self._lock:
             self._monitor.reset()
 
     def add_result(self, stamp: Any, result: FrameResult) -> None:
-        """Take the depth that the pipeline found at an image's stamp."""
+        """Compare the estimated depth at an image's stamp."""
         if self._subscription is None:
             return
         visibility = result.visibility
@@ -631,7 +631,7 @@ class DepthCheck:
         settings = self._parameters.settings
         self._monitor.config = settings.node.plausibility
         if settings.pipeline != self._pipeline:
-            # Another white reference, for example, has another constant.
+            # The learned bias holds for one configuration, such as the white reference.
             self._pipeline = settings.pipeline
             self._monitor.reset()
         return self._monitor

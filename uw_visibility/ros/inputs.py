@@ -21,16 +21,16 @@ from uw_visibility.ros.parameters import NodeParameters
 from uw_visibility.ros.transport import qos
 from uw_visibility.ros.transport.qos import AdaptiveReliabilitySubscription
 
-# Silence after which an input counts as stopped, s.
+# Time without messages after which an input counts as stopped, s.
 SILENCE = 5.0
 RECENT_STAMPS = RECENT_DROPS = 10
 RESTING = "at rest (lazy): nobody subscribes to a result"
-# What synchronization.tolerance may be, s.
+# Largest value of synchronization.tolerance, s.
 LARGEST_TOLERANCE = 1.0
-# Four channels of 16 bit: images that hold more are none of `max_megapixels`.
+# Four channels of 16 bit: larger images exceed `max_megapixels` in any encoding.
 MOST_BYTES_PER_PIXEL = 8
 TOO_LARGE = "larger than max_megapixels"
-# What to do where images make no frame, by the reason why they are dropped.
+# Advice for images that make no stereo frame, by the reason for dropping them.
 ADVICE = {
     "without a stamp": "images have no stamp: fill header.stamp with the time of exposure",
     "seen before": "images repeat a stamp: give each pair a stamp of its own",
@@ -39,12 +39,12 @@ ADVICE = {
 
 
 class StereoInput:
-    """Subscribes to images and CameraInfo, once told not to rest, and hands on stereo frames.
+    """Subscriptions to images and CameraInfo, paired to stereo frames; rests until `rest(False)`.
 
-    offer: takes each stereo frame.
+    offer: called with each stereo frame.
     on_restart: called when the stamps jump back.
-    active: whether images are taken; CameraInfo always is.
-    resting: whether nothing is subscribed to; see `rest`.
+    active: whether images are accepted; CameraInfo always is.
+    resting: whether there are no subscriptions; see `rest`.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class StereoInput:
         self._arrivals: dict[str, float] = {}
         self._stamps: dict[str, deque[int]] = {side: deque(maxlen=RECENT_STAMPS) for side in SIDES}
         self._images: dict[str, AdaptiveReliabilitySubscription] = {}
-        # Of subscriptions that were destroyed.
+        # Images lost by the middleware, of destroyed subscriptions.
         self._lost = 0
         self._infos: dict[str, Any] = {}
 
@@ -81,7 +81,7 @@ class StereoInput:
             self._node.destroy_subscription(self._infos.popitem()[1])
 
     def rest(self, resting: bool) -> None:
-        """Unsubscribe while nobody wants a result, and subscribe again."""
+        """Unsubscribe if `resting`, otherwise subscribe again."""
         if resting == self.resting:
             return
         self.resting = resting
@@ -93,16 +93,16 @@ class StereoInput:
             self._subscribe()
 
     def update_qos(self) -> None:
-        """Adapt the subscriptions to the publishers; called from time to time."""
+        """Adapt the QoS of the images to their publishers; called by a timer."""
         for image in self._images.values():
             image.update_qos()
 
     def end_wait(self) -> None:
-        """Let go of a frame whose CameraInfo does not come; called from time to time."""
+        """Release a pair whose CameraInfo does not arrive; called by a timer."""
         self._hand_on(self.synchronizer.end_wait())
 
     def silence(self) -> str:
-        """Return why no stereo frame comes, or nothing where they do."""
+        """Return why there are no stereo frames, or ""."""
         now = time.monotonic()
         for topic in self._images | self._infos:
             if topic not in self._arrivals:
@@ -120,7 +120,7 @@ class StereoInput:
         return qos.describe_publishers(self._node, self._infos[topic])
 
     def _explain_drops(self) -> str:
-        """Return why images that come make no stereo frame."""
+        """Return why the images that arrive make no stereo frames."""
         drops = " ".join(self._latest_drops)
         for reason, advice in ADVICE.items():
             if reason in drops:
@@ -138,7 +138,7 @@ class StereoInput:
         )
 
     def diagnose(self) -> Finding:
-        """Return level, message and numbers of the input."""
+        """Return level, message and values of the input."""
         now, sync = time.monotonic(), self.synchronizer
         counts = Counter(sync.received)
         counts["frames"] = sync.frames
@@ -183,21 +183,21 @@ class StereoInput:
         return Finding(OK, f"{rate:.1f} stereo frames per second", values)
 
     def _subscribe(self) -> None:
-        """Subscribe to images and CameraInfo; the names are those of the documentation."""
+        """Subscribe to images and CameraInfo."""
         compressed = self._parameters.settings.node.image_transport == "compressed"
         for side in SIDES:
             image, info = f"{side}/image_rect", f"{side}/camera_info"
             topic, kind = image, Image
             if compressed:
-                # As image_transport has it, the image's own topic is what is remapped.
+                # As in image_transport, remapping applies to the name of the raw image.
                 topic = f"{self._node.resolve_topic_name(image)}/compressed"
                 image, kind = f"{image}/compressed", CompressedImage
             self._images[image] = AdaptiveReliabilitySubscription(
                 self._node, kind, topic, functools.partial(self._on_image, side, image),
                 qos.IMAGE_DEPTH,
             )
-            # It fits into one packet, and the next one is as good: with a reliable
-            # subscription, all that follow a lost one would wait for it.
+            # Best effort: CameraInfo fits into one packet, and the next one replaces a lost one.
+            # A reliable subscription would hold back all messages behind a lost one.
             self._infos[info] = qos.subscribe_to(
                 self._node, CameraInfo, info, functools.partial(self._on_info, side, info)
             )
@@ -208,7 +208,7 @@ class StereoInput:
             return
         settings = self._parameters.settings.node
         if len(message.data) > MOST_BYTES_PER_PIXEL * 1e6 * settings.max_megapixels:
-            # Those that wait for their partner would fill the memory.
+            # Images that wait for their partner would fill the memory.
             self.synchronizer.refuse_image(side, TOO_LARGE)
             return
         stamp = stamp_to_nanoseconds(message.header.stamp)

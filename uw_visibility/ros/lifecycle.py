@@ -25,16 +25,16 @@ if TYPE_CHECKING:
 
 
 class UwVisibilityLifecycleNode(LifecycleNode):
-    """Managed node with the work of `uw_visibility.ros.node.UwVisibilityNode`.
+    """Managed node with the function of `uw_visibility.ros.node.UwVisibilityNode`.
 
-    Configuring subscribes, advertises and compiles; only an active node takes
-    images and publishes results. With the parameter `autostart` it does both when
-    its process starts, so that one that crashed and was started again goes on.
+    Configuring subscribes, advertises and compiles; only an active node accepts
+    images and publishes results. With the parameter `autostart` the node configures
+    and activates itself when its process starts, such as again after a crash.
     """
 
     def __init__(self) -> None:
         super().__init__("uw_visibility")
-        # Imported here: the middleware looks for others meanwhile, in threads of its own.
+        # Imported here: the middleware's threads discover other nodes meanwhile.
         from uw_visibility.ros.core import NodeCore
         from uw_visibility.ros.monitor import DiagnosticsPublisher, FaultLog
         from uw_visibility.ros.parameters import NodeParameters
@@ -43,12 +43,12 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         self._make_core = NodeCore
         self._node_parameters = NodeParameters(self)
         self._core: NodeCore | None = None
-        # Of those that were cleaned up while they compiled, say: an exit must not wait for them.
+        # Workers still busy after a clean-up, such as compiling; an exit does not wait for them.
         self._unfinished: list[NewestWorker[StereoFrame]] = []
         self._change = self._service_change_state.callback
         self._service_change_state.callback = self._change_or_refuse
         DiagnosticsPublisher(self, self._diagnose, self.faults)
-        # Nobody's request does it: after a crash one may be sent to the process that has died.
+        # The node does it itself: after a crash, a request may be sent to the dead process.
         if (
             self._node_parameters.settings.node.autostart
             and self.trigger_configure() is TransitionCallbackReturn.SUCCESS
@@ -56,13 +56,13 @@ class UwVisibilityLifecycleNode(LifecycleNode):
             self.trigger_activate()
 
     def stop(self, timeout: float) -> bool:
-        """End the work; returns whether it ended within the timeout (s)."""
+        """Stop all workers; return whether they ended within the timeout (s)."""
         ended = self._core is None or self._core.stop(timeout)
         self._unfinished = [worker for worker in self._unfinished if not worker.stop(0.0)]
         return ended and not self._unfinished
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make everything that the work needs."""
+        """Create topics, timers and worker."""
         return self._do(self._configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -72,8 +72,8 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         return self._do(self._working_core.deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release what `on_configure` allocated, so that the node can be configured again."""
-        return self._do(self._give_back)
+        """Destroy what `on_configure` created, so that the node can be configured again."""
+        return self._do(self._destroy_core)
 
     on_shutdown = on_error = on_cleanup
 
@@ -84,26 +84,26 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         return self._core
 
     def _configure(self) -> None:
-        self._give_back()
+        self._destroy_core()
         self._unfinished = [worker for worker in self._unfinished if not worker.stop(0.0)]
         self._core = self._make_core(self, self._node_parameters)
 
-    def _give_back(self) -> None:
+    def _destroy_core(self) -> None:
         if self._core is None:
             return
         core, self._core = self._core, None
-        # A frame that is still being processed is published no more.
+        # The result of a frame still in process is not published.
         if not core.stop(STOP_TIMEOUT):
             self._unfinished.append(core.worker)
         core.destroy()
         del core
         release_memory()
-        # rclpy's groups keep a reference to whatever was destroyed.
+        # rclpy's callback groups keep dead weak references to destroyed entities.
         group = self.default_callback_group
         group.entities = {entity for entity in group.entities if entity() is not None}
 
     def _do(self, work: Callable[[], None]) -> TransitionCallbackReturn:
-        """Do the work of a transition; rclpy would drop what it raises."""
+        """Run a transition; report exceptions, which rclpy would discard."""
         try:
             work()
         except InputError as error:
@@ -117,7 +117,7 @@ class UwVisibilityLifecycleNode(LifecycleNode):
     def _change_or_refuse(
         self, request: ChangeState.Request, response: ChangeState.Response
     ) -> ChangeState.Response:
-        """Answer a request; rclpy lets one that the state does not allow end the node."""
+        """Answer a request for a transition; rclpy alone would end the node at an invalid one."""
         try:
             return self._change(request, response)
         except rclpy_implementation.RCLError:
@@ -135,23 +135,23 @@ class UwVisibilityLifecycleNode(LifecycleNode):
 
 
 def release_memory() -> None:
-    """Return unused memory to the system, as after a clean-up.
+    """Return unused memory to the system after a clean-up.
 
-    Each thread frees into an arena of its own, so that without this every new worker would
-    leave one frame's memory behind.
+    Each thread frees memory into its own malloc arena: without this, every new worker would
+    leave the memory of one frame allocated.
     """
-    # What the work consists of refers to one another, so that counting alone frees nothing.
+    # The objects form reference cycles, which only the garbage collector frees.
     gc.collect()
     try:
         trim = ctypes.CDLL(None).malloc_trim
     except AttributeError:
-        # Another C library than glibc.
+        # The C library is not glibc.
         return
     trim(0)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the managed node until it is told to stop; see `uw_visibility.ros.run.run`."""
+    """Run the managed node until a signal ends it; see `uw_visibility.ros.run.run`."""
     return run(UwVisibilityLifecycleNode, arguments)
 
 

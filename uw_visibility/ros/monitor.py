@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a node tells of itself: findings, rates, reasons why there is no output, diagnostics."""
+"""Node diagnostics: findings on the node's state, rates, logs of reasons and faults."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE,
 )
 
-# Reasons carry numbers of the input, so a bad publisher can make many of them.
+# Reasons that are remembered; they contain numbers of the input, so there may be many.
 MAX_REASONS = 100
-# Lines in one period, of whatever reasons.
+# Log lines per period, over all reasons.
 MAX_LINES = 20
 FURTHER = "further reasons"
 SHOWN_REASONS = 10
-# How long a fault is the callbacks' present state, s.
+# Time for which a fault is reported as an error, then as a warning, s.
 RECENT = 10.0
-# Of the diagnostics, s.
+# Period of the diagnostics, s.
 PERIOD = 1.0
 
 
 @dataclass(frozen=True)
 class Finding:
-    """State of a part of the node: level, one sentence, and numbers."""
+    """State of a part of the node: level, one sentence, and values."""
 
     level: bytes
     message: str
@@ -44,10 +44,10 @@ class Finding:
 
 
 class RecentCounts:
-    """Differences of counters over the last seconds.
+    """Increments of counters over a sliding window of time.
 
-    window: how far back the differences reach, s.
-    duration: how far back they reach so far, s.
+    window: length of the window, s.
+    duration: time that the last increments cover, s.
     """
 
     def __init__(self, window: float) -> None:
@@ -56,11 +56,11 @@ class RecentCounts:
         self._snapshots: deque[tuple[float, dict[str, int]]] = deque()
 
     def update(self, now: float, counts: Mapping[str, int]) -> dict[str, int]:
-        """Return the counts over the last seconds.
+        """Return the increments of the counters over the window.
 
         now: time, s.
-        counts: counters, which only grow.
-        Returns what each counter grew by; those that did not grow are absent.
+        counts: counters, which never decrease.
+        Returns the increments by name, without zeros.
         """
         self._snapshots.append((now, dict(counts)))
         while len(self._snapshots) > 2 and now - self._snapshots[1][0] >= self._window:
@@ -74,14 +74,14 @@ class RecentCounts:
 class ReasonLog:
     """Logs a reason when it is new, and again at most once per period, with its count.
 
-    Of many reasons those that occurred last are kept.
+    It remembers the latest `MAX_REASONS` reasons only.
 
-    Safe to use from several threads.
+    Thread-safe.
 
     period: shortest time between two lines for one reason, s.
     clock: returns a time in s.
-    counts: how often each of the latest reasons occurred, the last one last.
-    total: how often any reason occurred.
+    counts: occurrences of the remembered reasons, the latest reason last.
+    total: occurrences of all reasons.
     """
 
     def __init__(
@@ -100,9 +100,9 @@ class ReasonLog:
         self._lock = threading.Lock()
 
     def problems(self, number: int = SHOWN_REASONS) -> dict[str, int]:
-        """Return how often the latest and the most frequent reasons occurred, and all others.
+        """Return occurrences of the latest and the most frequent reasons, and of all others.
 
-        number: how many of each; diagnostics show them under these names.
+        number: how many of either kind; the keys are those of the diagnostics.
         """
         with self._lock:
             shown = dict([*self.counts.items()][-number:]) | dict(self.counts.most_common(number))
@@ -111,7 +111,7 @@ class ReasonLog:
         return {f"problem: {reason}": count for reason, count in shown.items()}
 
     def add(self, reason: str, details: str = "") -> None:
-        """Count a reason; details are added the first time it is logged."""
+        """Count a reason and log it; details are logged at its first occurrence only."""
         reason = printable(reason, LONGEST_MESSAGE)
         with self._lock:
             self.total += 1
@@ -136,8 +136,8 @@ class ReasonLog:
 class FaultLog:
     """Log of exceptions that callbacks and timers raised, with their counts.
 
-    Safe to use from several threads. Once the node's context has ended, which rclpy's own
-    handlers of signals do while callbacks run, whatever uses it fails: that is no fault.
+    Thread-safe. Exceptions after the end of the node's context are ignored: rclpy's own signal
+    handlers end it while callbacks run, and all further use of it fails.
     """
 
     def __init__(self, node: Node) -> None:
@@ -172,10 +172,10 @@ def describe_fault(error: BaseException) -> str:
 
 
 class DiagnosticsPublisher:
-    """Publishes findings as diagnostic_updater does, under the node's name, once a second.
+    """Publishes findings once a second under the node's name, as diagnostic_updater does.
 
-    find: returns the findings by the part of the node that they are about.
-    faults: is told if that fails, and reports on the part `callbacks`.
+    find: returns the findings by part of the node.
+    faults: counts exceptions of `find`, and gives the finding of the part `callbacks`.
     """
 
     def __init__(
@@ -185,7 +185,7 @@ class DiagnosticsPublisher:
         self._find = find
         self._faults = faults
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        # Steady clock: these periods do not follow recorded time.
+        # Steady clock: the period does not follow simulated time.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(PERIOD, self._publish, clock=clock)
 
@@ -193,7 +193,7 @@ class DiagnosticsPublisher:
         try:
             findings = dict(self._find())
         except Exception as error:
-            # Whatever cannot be told, that it cannot is.
+            # The failure itself is reported, as one of a callback.
             self._faults.add(error)
             findings = {}
         findings["callbacks"] = self._faults.diagnose()
@@ -204,7 +204,7 @@ class DiagnosticsPublisher:
             DiagnosticStatus(
                 level=finding.level,
                 name=f"{prefix}: {part}",
-                # Names and texts of messages are in it.
+                # It may contain text from messages of other nodes.
                 message=printable(finding.message, LONGEST_MESSAGE),
                 hardware_id="none",
                 values=[

@@ -17,7 +17,7 @@ class UwVisibilityNode(Node):
 
     def __init__(self) -> None:
         super().__init__("uw_visibility")
-        # Imported here: the middleware looks for others meanwhile, in threads of its own.
+        # Imported here: the middleware's threads discover other nodes meanwhile.
         from uw_visibility.ros.core import NodeCore
         from uw_visibility.ros.monitor import DiagnosticsPublisher, FaultLog
         from uw_visibility.ros.parameters import NodeParameters
@@ -28,12 +28,12 @@ class UwVisibilityNode(Node):
         self._core.activate()
 
     def stop(self, timeout: float) -> bool:
-        """End the work; returns whether it ended within the timeout (s)."""
+        """Stop the worker; return whether it ended within the timeout (s)."""
         return self._core.stop(timeout)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node until it is told to stop; see `uw_visibility.ros.run.run`."""
+    """Run the node until a signal ends it; see `uw_visibility.ros.run.run`."""
     return run(UwVisibilityNode, arguments)
 
 

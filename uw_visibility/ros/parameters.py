@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""ROS parameters: declared from the schema's descriptions, changed all or none."""
+"""ROS parameters: declared from the schema; a change is accepted or refused as a whole."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ TYPES = {
 
 @dataclass(frozen=True)
 class Settings:
-    """All parameters at one instant."""
+    """Immutable snapshot of all parameters."""
 
     pipeline: PipelineConfig
     node: NodeConfig
 
     @classmethod
     def from_values(cls, values: dict[str, Any]) -> Settings:
-        """Make settings of values by dotted name.
+        """Make settings from values by dotted name.
 
-        Raises `InputError` if a name is unknown, a value is not allowed, or a table that is named
-        cannot be loaded.
+        Raises `InputError` if a name is unknown, a value is not allowed, or the table of the
+        camera's response cannot be loaded.
         """
         settings = cls(PipelineConfig.from_parameters(values), NodeConfig.from_parameters(values))
         load_response(settings.pipeline.camera.response)
@@ -53,13 +53,13 @@ class Settings:
 
 
 class NodeParameters:
-    """ROS parameters of a node, declared at once; `settings` follows their changes.
+    """ROS parameters of a node, declared by the constructor; `settings` follows their changes.
 
-    node: declared on this node, with the values that it was started with.
-    settings: replaced as a whole once a change was accepted, so that a reader in another thread
-        sees either all of it or nothing.
-    try_out: raises `InputError` for settings that cannot work; asked before a change is accepted.
-    told: names of the parameters that were given a value, at start or since.
+    node: its parameter overrides are the initial values.
+    settings: replaced as a whole after a change was accepted, so that other threads never see a
+        part of a change.
+    try_out: called before a change is accepted; raises `InputError` if the settings cannot work.
+    told: names of the parameters that were set, at start or later.
     """
 
     def __init__(self, node: Node) -> None:
@@ -88,7 +88,7 @@ class NodeParameters:
         node.add_post_set_parameters_callback(self._accept)
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Let whole numbers and texts stand for decimal numbers, as ``ros2 param`` sends them."""
+        """Convert integers and texts, which ``ros2 param`` sends, to floats where these belong."""
         return [
             Parameter(p.name, value=self._infos[p.name].numeric(p.value))
             if p.name in self._infos else p
@@ -97,7 +97,7 @@ class NodeParameters:
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
         mine = self._mine(parameters)
-        # Those of QoS come by the dozen while the node starts.
+        # While the node starts, most calls concern QoS parameters only.
         if not mine:
             return SetParametersResult(successful=True)
         try:
@@ -107,7 +107,7 @@ class NodeParameters:
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         except Exception as error:
-            # Whatever else it is that fails would fail with every frame.
+            # Any other exception would occur with every frame.
             reason = f"it cannot be used: {printable(error)} ({describe_fault(error)})"
             return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)

@@ -19,29 +19,28 @@ from rclpy.signals import SignalHandlerOptions
 from uw_visibility.errors import LONGEST_MESSAGE, InputError, printable
 from uw_visibility.ros.start import SIGNALS
 
-# Fast DDS hands messages to other processes through 512 KiB of the sender's shared memory, which
-# one image of 640x480 overruns; what finds no room is lost, or comes seconds late. The profile lets
-# the node send through more shared memory and receive through sockets, whose memory is its own.
-# Without it, a camera that publishes with best effort loses most pairs: test_node_large_images,
-# 11 of 45 arrive.
+# Fast DDS sends messages to other processes through 512 KiB of the sender's shared memory. One
+# image of 640x480 exceeds it: messages that do not fit are lost, or arrive seconds late. With this
+# profile the node sends through more shared memory, and receives through sockets, whose memory is
+# its own. Without it, most pairs of a best-effort camera are lost: in test_node_large_images 11 of
+# 45 arrive.
 PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
-# With any of these somebody has set up the middleware already.
+# Any of these shows that the user has configured the middleware.
 OTHER_VARIABLES = (
     "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS", "SKIP_DEFAULT_XML_FILE",
 )
 # Read by Fast DDS from the current folder.
 LOCAL_FILE = "DEFAULT_FASTRTPS_PROFILES.xml"
 PROFILES = Path(__file__).with_name("fastdds.xml")
-# What Linux allows the memory of a socket to be, and what a pair of images needs, bytes.
+# Linux's limit of a socket's memory, and the size of a pair of images, bytes.
 SOCKET_MEMORY = Path("/proc/sys/net/core/rmem_max")
 ENOUGH = 2 * 640 * 480 * 3
 
 
 def give_memory(environment: MutableMapping[str, str] = os.environ) -> bool:
-    """Enlarge the memory of transport for images; to be called before `rclpy.init`.
+    """Select the Fast DDS profile with memory for images; call it before `rclpy.init`.
 
-    Nothing changes where the middleware was set up otherwise. Other middlewares do not
-    read the variable.
+    The user's own configuration takes precedence. Other middlewares ignore the profile.
 
     Returns whether the node's own profile is in use.
     """
@@ -54,11 +53,11 @@ def give_memory(environment: MutableMapping[str, str] = os.environ) -> bool:
 
 
 def scarce_memory(allowed: Path = SOCKET_MEMORY) -> str:
-    """Return advice where a socket may not hold a pair of images, by a file of Linux; else ""."""
+    """Return advice if the limit in `allowed` is too small for a pair of images, or ""."""
     try:
         size = int(allowed.read_text(encoding="ascii"))
     except (OSError, ValueError):
-        # Another system, or one that hides it: nothing is known to be wrong.
+        # The system is not Linux, or hides the file: the limit is unknown.
         return ""
     if size >= ENOUGH:
         return ""
@@ -68,30 +67,30 @@ def scarce_memory(allowed: Path = SOCKET_MEMORY) -> str:
     )
 
 
-# How long the exit waits for the frame that is being processed, s.
+# Time that the exit waits for the frame in process, s.
 STOP_TIMEOUT = 0.5
-# How often an executor that sleeps looks whether a signal has come, s.
+# Period at which an idle executor checks for signals, s.
 WAKE_PERIOD = 0.2
-# How long the pipeline's thread may keep the interpreter from the callbacks, s. By
-# default it is ten times as long, which is what an answer then waits.
+# Time for which the pipeline's thread may hold the interpreter's lock while callbacks wait, s: a
+# tenth of Python's default.
 SWITCH_INTERVAL = 5e-4
 
 
 def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
-    """Run a node until it is told to stop.
+    """Run a node until SIGINT or SIGTERM.
 
-    make_node: makes a node with a method ``stop(timeout) -> bool``, which ends its work and tells
-        whether that has ended within the timeout (s), and an attribute ``faults`` (`FaultLog`),
-        which is told what callbacks raise.
-    arguments: command line with ROS arguments; that of the process where absent.
-    Returns exit code: 0 after Ctrl-C or SIGTERM, 2 where a parameter or argument cannot be used.
+    make_node: makes a node with a method ``stop(timeout) -> bool``, which stops its work and
+        returns whether that ended within the timeout (s), and an attribute ``faults`` (`FaultLog`)
+        for the exceptions of callbacks.
+    arguments: command line with ROS arguments; by default that of the process.
+    Returns exit code: 0 after a signal, 2 if a parameter or argument cannot be used.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
-    # A signal only asks for the end. rclpy's handlers would end the context under whatever
-    # uses it, here and in the worker; Python's own raise at a place of their choice.
-    asked: list[int] = []
+    # Handlers only record the signal. rclpy's own would end the context while this thread and
+    # the worker use it; Python's own would raise an exception anywhere.
+    received: list[int] = []
     for number in SIGNALS:
-        signal.signal(number, lambda number, _: asked.append(number))
+        signal.signal(number, lambda number, _: received.append(number))
     receives_by_sockets = give_memory()
     try:
         rclpy.init(
@@ -108,7 +107,7 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
     scarcity = scarce_memory() if receives_by_sockets else ""
     if scarcity:
         node.get_logger().warning(scarcity)
-    _spin(node, asked)
+    _spin(node, received)
     if not node.stop(STOP_TIMEOUT):
         # The worker is still computing, which cannot be interrupted.
         rclpy.try_shutdown()
@@ -120,13 +119,13 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
     return 0
 
 
-def _spin(node: Any, asked: Sequence[int]) -> None:
-    """Run callbacks until a signal asks for the end; what they raise costs none but them."""
+def _spin(node: Any, signals: Sequence[int]) -> None:
+    """Run callbacks until a signal is in `signals`; log their exceptions and continue."""
     executor = SingleThreadedExecutor()
     clock = Clock(clock_type=ClockType.STEADY_TIME)
     wake = node.create_timer(WAKE_PERIOD, lambda: None, clock=clock)
     executor.add_node(node)
-    while not asked and rclpy.ok():
+    while not signals and rclpy.ok():
         try:
             executor.spin_once()
         except Exception as error:

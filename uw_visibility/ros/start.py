@@ -11,21 +11,21 @@ from collections.abc import Mapping
 
 from uw_visibility.compute.threads import use_one_thread
 
-# The C library gives large blocks back to the system when they are freed, and each frame has its
-# pages cleared anew: for a cloud of points that takes longer than filling it. See mallopt(3).
+# glibc returns large freed blocks to the system, so that the kernel clears new pages for each
+# frame: for a point cloud this takes longer than filling it. See mallopt(3).
 MEMORY = {
-    # Free memory beyond this goes back to the system, bytes: all messages of a large frame.
+    # Free memory above this is returned, bytes: the size of all messages of a large frame.
     "MALLOC_TRIM_THRESHOLD_": str(128 << 20),
-    # Larger blocks are the system's own in any case, bytes: the most that can be asked for.
+    # Blocks above this are always returned, bytes: the largest value that glibc accepts.
     "MALLOC_MMAP_THRESHOLD_": str(32 << 20),
 }
-# By default the middleware sends within the call that publishes, and rclpy keeps the interpreter
-# meanwhile: a slow network holds up every callback. Read by rmw_fastrtps only.
+# By default publishing waits for the middleware to send, and rclpy holds the interpreter's lock
+# meanwhile: a slow network delays every callback. Read by rmw_fastrtps only.
 PUBLICATION = {"RMW_FASTRTPS_PUBLICATION_MODE": "ASYNCHRONOUS"}
 
 
 def node_environment(given: Mapping[str, str]) -> dict[str, str]:
-    """Return environment variables to add for the node; those that are `given` hold."""
+    """Return environment variables to add; one in `given` switches its whole group off."""
     added: dict[str, str] = {}
     for variables, others in ((MEMORY, {"GLIBC_TUNABLES"}), (PUBLICATION, set())):
         if not given.keys() & (variables.keys() | others):
@@ -47,13 +47,13 @@ def lifecycle_node() -> int:
 
 
 def _start(module: str) -> int:
-    # Importing takes seconds on a small computer, in which Ctrl-C would end in a traceback.
+    # Imports take seconds on a small computer; Ctrl-C would end them with a traceback.
     for number in SIGNALS:
         signal.signal(number, lambda *_: os._exit(0))
     use_one_thread()
     code = int(importlib.import_module(module).main())
-    # A second Ctrl-C, or that of the launcher after the terminal's, finds the interpreter
-    # on its way out, where it would end the process as killed.
+    # A second signal, such as the launcher's after the terminal's, would kill the process while
+    # the interpreter exits.
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     return code

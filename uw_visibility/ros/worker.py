@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Worker that takes the newest item and drops older ones; several items may be under way."""
+"""Worker threads that process the newest item and drop older ones that wait."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ Item = TypeVar("Item")
 
 
 class Turn(NamedTuple):
-    """An item's lane, and its place in the order of items."""
+    """Lane (thread) of an item, and its place in the order of items."""
 
-    lane: int  # no other item is processed under this number meanwhile
-    wait: Callable[[], None]  # returns when all items before have been processed
+    lane: int  # number of the lane, which processes one item at a time
+    wait: Callable[[], None]  # returns when all earlier items have been processed
 
 
 class NewestWorker(Generic[Item]):
-    """Processes items in lanes, a thread each; the newest waits, others go.
+    """Processes items in lanes, a thread each; only the newest item waits, older ones are dropped.
 
-    A lane takes an item only while all before it are busy: the second one where items come faster
-    than one after the other can be processed.
+    A lane takes an item only if all lanes before it are busy: the second one works only if items
+    arrive faster than the first one processes them.
 
     process: called with each item and its turn. It must not raise.
     prepare: called in the first lane once, before the first item. It must not raise.
-    niceness: how far the threads, and those that they start, give way to others: 0 not at all, 19
-        most. Only Linux knows it of single threads; elsewhere it does nothing.
-    lanes: how many items may be under way at most; may be set to less at any time.
-    skipped: items that a newer one replaced before their turn came.
+    niceness: added to the nice value of the threads and of those that they start, 0 to 19. Only
+        Linux has nice values for threads; elsewhere it has no effect.
+    lanes: most items in process at once; may be changed at any time, up to the initial number.
+    skipped: number of items that a newer one replaced while they waited.
     """
 
     def __init__(
@@ -48,14 +48,14 @@ class NewestWorker(Generic[Item]):
         self._niceness = niceness
         self._process = process
         self._prepare = prepare
-        # The item that waits, if any.
+        # The waiting item, if any.
         self._waiting: list[Item] = []
         self._stopping = False
         self._changed = threading.Condition()
-        # Lanes that wait for an item; none before the preparation has ended.
+        # Idle lanes; none before `prepare` has ended.
         self._free: set[int] = set()
         self._taken = self._done = 0
-        # Daemons, since an item that takes long must not hold up the exit.
+        # Daemon threads: an item that takes long must not delay the exit.
         self._threads = [
             threading.Thread(target=self._run, args=(lane,), name=f"pipeline {lane}", daemon=True)
             for lane in range(lanes)]
@@ -70,16 +70,16 @@ class NewestWorker(Generic[Item]):
             thread.start()
 
     def offer(self, item: Item) -> None:
-        """Hand over an item, instead of the one that waits; returns at once."""
+        """Let an item wait in place of the one that waits; return at once."""
         with self._changed:
             self.skipped += len(self._waiting)
             self._waiting = [item]
             self._changed.notify_all()
 
     def stop(self, timeout: float) -> bool:
-        """Take no further item.
+        """Stop after the items in process.
 
-        timeout: how long to wait for the items that are being processed, s.
+        timeout: time to wait for these items, s.
         Returns whether the threads have ended.
         """
         with self._changed:

@@ -192,7 +192,7 @@ def test_publisher_that_is_not_heard_is_named_with_its_reason(
     world = make_world("--ros-args", "-p", "qos_overrides./info.subscription.reliability:=reliable")
     assert world.subscription.describe_publishers() == "/info has no publisher"
     publisher = world.publisher(RELIABLE)
-    assert "/info has 1 publisher, of which nothing" in world.subscription.describe_publishers()
+    assert "/info has 1 publisher, from which nothing" in world.subscription.describe_publishers()
     world.speaker.destroy_publisher(publisher)
     world.until(lambda: world.listener.count_publishers("info") == 0)
     world.publisher(BEST_EFFORT)

@@ -28,14 +28,13 @@ def make_message(name: str, /, **fields: Any) -> Any:
     }
     others = {key: value for key, value in fields.items() if key not in images}
     if images and hasattr(kind, "_check_fields"):
-        # A message that checks its fields keeps an array; one that does not copies it,
-        # but is quicker with all else. Private: nothing else tells messages that can leave
-        # the check out, those of Jazzy and later.
+        # With the check a message keeps the array; without it, a message copies it, but all else
+        # is quicker. Only this private attribute shows that the check is optional, since Jazzy.
         others["check_fields"] = True
     message = kind(**others)
     for key, value in images.items():
-        # Set, since the constructor copies. rclpy takes an array.array as it is, a
-        # numpy array byte by byte.
+        # Set afterwards, since the constructor copies. rclpy keeps an array.array, but
+        # converts a numpy array byte by byte.
         data = array.array("B")
         data.frombytes(value.data)
         setattr(message, key, data)

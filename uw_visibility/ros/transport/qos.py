@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """QoS of publishers and subscriptions, which parameters can override.
 
-Subscriptions to images are as reliable as the publishers of their topic allow.
+Subscriptions to images are reliable if all publishers of the topic are.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ from uw_visibility.messages.images import stamp_to_nanoseconds
 
 QOS_PREFIX = "qos_overrides."
 OUTPUT_DEPTH = 10
-# Small messages, of which some come at high rates.
+# For small messages, some at high rates.
 INPUT_DEPTH = 10
-# A reliable subscription keeps back what follows an image whose missing part it waits for:
-# the newest ones wait as long as the queue is deep. Then the incomplete one is given up.
+# A reliable subscription holds images back behind an incomplete one until the queue is full,
+# and then gives the incomplete one up: this depth limits the delay.
 IMAGE_DEPTH = 5
 POLICIES = (
     QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY,
 )
-# Messages that are remembered, to know what two subscriptions have both received.
+# Messages that are remembered, to detect those that two subscriptions have both received.
 REMEMBERED = 20
 
 
@@ -57,11 +57,11 @@ def subscribe_to(
 ) -> Any:
     """Create a subscription for sensor data.
 
-    available: what the best reliability is that the publishers allow. It is taken unless
-        ``qos_overrides`` asks for one; without it, best effort is.
-    depth: how many messages wait to be taken, unless ``qos_overrides`` says otherwise.
+    available: best reliability that the publishers allow; None for best effort. A reliability in
+        ``qos_overrides`` takes precedence.
+    depth: depth of the queue, unless ``qos_overrides`` sets it.
     """
-    # Overrides are written into the profile.
+    # rclpy writes overrides into the profile.
     qos = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
     if available is not None:
         qos.reliability = ReliabilityPolicy.BEST_AVAILABLE
@@ -80,14 +80,14 @@ def describe_publishers(node: Node, subscription: Any) -> str:
     publishers = node.get_publishers_info_by_topic(name)
     if not publishers:
         return f"{name} has no publisher"
-    said = f"{name} has {len(publishers)} publisher{'s' * (len(publishers) > 1)}"
+    text = f"{name} has {len(publishers)} publisher{'s' * (len(publishers) > 1)}"
     for info in publishers:
         compatibility, reason = qos_check_compatible(info.qos_profile, subscription.qos_profile)
         if compatibility == QoSCompatibility.ERROR:
             publisher = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
             why = reason.removeprefix("ERROR: ").rstrip("; ")
-            return printable(f"{said}, the QoS of {publisher} is not compatible: {why}")
-    return f"{said}, of which nothing arrives"
+            return printable(f"{text}, the QoS of {publisher} is not compatible: {why}")
+    return f"{text}, from which nothing arrives"
 
 
 def _with_overrides(
@@ -104,19 +104,19 @@ def _with_overrides(
 
 
 class AdaptiveReliabilitySubscription:
-    """Reliable while all publishers of the topic are, best effort otherwise.
+    """Subscription that is reliable if all publishers of the topic are, otherwise best effort.
 
     Middleware cuts images into fragments, and a best-effort subscription loses the
-    whole image with any of them; a reliable one does not hear best-effort publishers
-    at all. When the publishers change, another subscription is made beside the present
-    one and takes over with the first message that it receives, so that there is no gap
-    between the two and no message is delivered by both. Where ``qos_overrides`` names a
-    reliability, that one stays.
+    whole image with any of them; a reliable one receives nothing from best-effort
+    publishers. When the publishers change, a second subscription is made beside the
+    present one and replaces it at the first message that it receives, so that there is
+    no gap between the two and no message is delivered by both. A reliability in
+    ``qos_overrides`` is kept.
 
     kind: class of the messages, which have a header.
-    depth: how many messages wait to be taken.
-    lost: messages that were published and never delivered, by the numbers that the only publisher
-        gives them; of middleware that does not tell these, none.
+    depth: depth of the queue.
+    lost: messages that were published but not delivered, by the sequence numbers of a single
+        publisher; 0 with middleware without these.
     """
 
     def __init__(
@@ -130,16 +130,16 @@ class AdaptiveReliabilitySubscription:
         self._depth = depth
         self.lost = 0
         self._made = 0
-        # Number of the message that came last, and of its subscription.
+        # Number of the subscription and sequence number of the last message.
         self._last: tuple[int, int | None] = (0, None)
-        # Number of the subscription, stamp and time of publication of what was delivered lately.
+        # Number of the subscription, stamp and time of publication of the last messages.
         self._delivered: deque[tuple[int, tuple[int, int]]] = deque(maxlen=REMEMBERED)
-        # Subscriptions by their number: the present one, then the one to take over.
+        # Subscriptions by their number: the present one, then its successor.
         self._subscriptions: dict[int, Any] = {}
         self._subscribe(ReliabilityPolicy.BEST_EFFORT)
         name = f"{QOS_PREFIX}{self._present.topic_name}.subscription.reliability"
         best_available = ReliabilityPolicy.BEST_AVAILABLE.name.lower()
-        # Whether the parameters leave it open.
+        # Whether no parameter sets the reliability.
         self._adaptive = node.get_parameter(name).value == best_available
 
     @property
@@ -148,7 +148,7 @@ class AdaptiveReliabilitySubscription:
         return str(self._present.qos_profile.reliability.name).lower().replace("_", " ")
 
     def update_qos(self) -> None:
-        """Ask for the reliability that the publishers offer; called from time to time."""
+        """Adapt the reliability to the publishers; called by a timer."""
         if not self._adaptive:
             return
         offered = {
@@ -162,11 +162,11 @@ class AdaptiveReliabilitySubscription:
         if self._subscriptions[newest].qos_profile.reliability is not best:
             self._subscribe(best)
         elif not offered or self._subscriptions[newest].get_publisher_count() > 0:
-            # It had the time since the last call, and messages may be rare.
+            # It had the time since the last call to connect, and messages may be rare.
             self._take_over(newest)
 
     def describe_publishers(self) -> str:
-        """Say who publishes on the topic; see `uw_visibility.ros.transport.qos`."""
+        """Describe the topic's publishers; see `uw_visibility.ros.transport.qos`."""
         return describe_publishers(self._node, self._present)
 
     def destroy(self) -> None:
@@ -178,7 +178,7 @@ class AdaptiveReliabilitySubscription:
         return self._subscriptions[min(self._subscriptions)]
 
     def _subscribe(self, reliability: ReliabilityPolicy) -> None:
-        # One that has not taken over yet is not wanted any more.
+        # A successor that has not taken over yet is replaced.
         while len(self._subscriptions) > 1:
             self._node.destroy_subscription(self._subscriptions.popitem()[1])
         self._made += 1
@@ -193,7 +193,7 @@ class AdaptiveReliabilitySubscription:
 
     def _deliver(self, number: int, message: Any, info: dict[str, Any]) -> None:
         if number not in self._subscriptions:
-            # It was destroyed while it had a message ready.
+            # The subscription was destroyed while a message was ready.
             return
         self._take_over(number)
         self._count_lost(number, info["publication_sequence_number"])
@@ -204,9 +204,9 @@ class AdaptiveReliabilitySubscription:
         self._callback(message)
 
     def _count_lost(self, number: int, sequence: int | None) -> None:
-        """Count what is missing between two messages of one subscription and one publisher."""
-        of, before = self._last
-        if of == number and before is not None and sequence is not None and (
+        """Count messages lost between two deliveries of one subscription to a single publisher."""
+        last_number, before = self._last
+        if last_number == number and before is not None and sequence is not None and (
             sequence > before + 1 and self._subscriptions[number].get_publisher_count() == 1
         ):
             self.lost += sequence - before - 1
