@@ -21,7 +21,6 @@ ELLIPSOID, CAPSULE, BOX = 0, 1, 2
 
 NOWHERE = 1e9
 
-# Three numbers.
 Vector = Sequence[float] | NDArray[np.float64]
 
 

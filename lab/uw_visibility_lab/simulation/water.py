@@ -90,8 +90,7 @@ def band_averages(
     """Integrate a water's spectrum with the camera's response.
 
     water_type: ``clear`` (Smith and Baker 1981) or a Jerlov type (Williamson and Hollins 2022).
-    particles: scattering by added particles at 550 nm, 1/m.
-    cdom: absorption by added dissolved organic matter at 440 nm, 1/m.
+    particles, cdom: added scattering by particles at 550 nm, absorption at 440 nm, 1/m.
     particle_slope: exponent γ of the particles' spectrum (550 nm / λ)^γ; 0 = grey.
     """
     absorption, scattering, backscattering = _spectrum(water_type)
