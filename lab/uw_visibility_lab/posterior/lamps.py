@@ -40,7 +40,7 @@ from uw_visibility_lab.worlds.scenes import pool as scenes_of
 CASES = 80
 # Camera and depth (m) of the reefs: so deep that there is no daylight, as in the frames.
 CAMERA, DEPTH = StereoCamera(480, 360, 450.0, 0.12), 40.0
-# Seeds of nights, and of reefs that `judge` does not show.
+# Seed of nights, and first seed of reefs: others than those of the command `judge`.
 SEED, REEFS = 11, 1000
 # Exponent of reflectance relative to its median: ground as even as sand and rock.
 EVEN = 0.35
