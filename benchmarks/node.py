@@ -351,7 +351,7 @@ def summarise(
     report["around over pipeline"] = statistics.median(around) / pipeline
     for name, value in spread(sorted(listener.asked)).items():
         report[f"a parameter's answer, {name} (ms)"] = value
-    report["diagnostics beside 1 Hz, largest (ms)"] = 1e3 * max(late, default=0.0)
+    report["diagnostics off their period of 1 s, largest (ms)"] = 1e3 * max(late, default=0.0)
     report["memory growth after warm-up (MiB)"] = max(settled) - settled[0]
     report["latencies (ms)"] = [round(value, 2) for value in latency]
     return report

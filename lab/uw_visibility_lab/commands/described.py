@@ -41,10 +41,10 @@ def add_described(parser: argparse._ActionsContainer, options: Options) -> None:
         elif values[0].startswith("{"):
             how = {"choices": values[0].strip("{}").split(","), "default": default}
         shown = default if isinstance(default, tuple | list) else (default,)
-        told = default in (None, []) or text.endswith(")")
+        complete = default in (None, []) or text.endswith(")")
         parser.add_argument(
             *names, type=kind[0] if kind else _kind(shown[0]),
-            help=text if told else f"{text} ({' '.join(map(_shown, shown))})", **how,
+            help=text if complete else f"{text} ({' '.join(map(_shown, shown))})", **how,
         )
 
 

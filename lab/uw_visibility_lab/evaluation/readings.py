@@ -100,9 +100,9 @@ def reasons_text(title: str, readings: Iterable[Reading]) -> list[str]:
     """Return the counts of the reasons for refusals in one line; no line without refusals."""
     counts = Counter(each.distance_status for each in readings)
     # Without the advice after a reason, which is in the tables.
-    told = "; ".join(
+    reasons = "; ".join(
         f"{reason.split(' (')[0]}: {n}" for reason, n in counts.most_common() if reason != OK)
-    return [f"  {title}: {told}"] if told else []
+    return [f"  {title}: {reasons}"] if reasons else []
 
 
 def triple(values: ArrayLike) -> Triple:

@@ -50,7 +50,7 @@ class Effects:
 class RenderedFrame:
     """Rendered stereo frame and its ground truth."""
 
-    # left, right: (H, W, 3); the images, RGB; linear unless the camera's effects say otherwise
+    # left, right: (H, W, 3); the images, RGB; linear unless the camera's effects encode them
     left: Image8
     right: Image8
     # range_left, range_right: (H, W); distance along the line of sight in m; inf = open water

@@ -74,23 +74,23 @@ def reef(
     origin = (-2.0, -0.6 * view)
     extent = (length + view + 2.0, 1.2 * view)
     heights = _terrain(lattice, origin, extent)
-    things = _Things(np.random.default_rng(seed), heights, origin, extent)
+    objects = _Objects(np.random.default_rng(seed), heights, origin, extent)
     area = extent[0] * extent[1]
     for _ in range(int(boulders * area)):
-        things.add_boulder()
+        objects.add_boulder()
     for _ in range(int(corals * area)):
-        things.add_coral()
+        objects.add_coral()
     # The start of a long transect is representative of all of it.
     slopes = np.hypot(*np.gradient(heights[:, :1000], SPACING))
     return Scene(
         lattice=lattice,
         heights=heights,
-        openness=things.openness,
+        openness=objects.openness,
         origin=origin,
         highest=float(heights.max()),
         steep=float(np.quantile(slopes, 0.98)),
-        shapes=np.array(things.shapes).reshape(-1, SHAPE_COLUMNS),
-        appearance=np.array(things.looks).reshape(-1, 8),
+        shapes=np.array(objects.shapes).reshape(-1, SHAPE_COLUMNS),
+        appearance=np.array(objects.looks).reshape(-1, 8),
     )
 
 
@@ -110,7 +110,7 @@ def _terrain(lattice: Any, origin: tuple[float, float], extent: tuple[float, flo
     return heights
 
 
-class _Things:
+class _Objects:
     """Boulders and corals on a floor, and the shade beneath them."""
 
     def __init__(

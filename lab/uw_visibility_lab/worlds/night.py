@@ -121,10 +121,10 @@ def draw_night(
     image = record(streams, irradiance, np.ones(3), LINEAR, ("noise",))
     measured, error = measure_ranges(
         streams, ranges, image, _RANGING if "gaps" in names else ())
-    told = _told(streams("told"), names, rig.lamps)
+    declared = _declared(streams("told"), names, rig.lamps)
     return Night(
         image, measured, error, focal, water.clear_water,
-        lighting_parameters(told, daylight is not None), beta)
+        lighting_parameters(declared, daylight is not None), beta)
 
 
 def _particles(rng: np.random.Generator) -> Array:
@@ -146,7 +146,7 @@ def _draw_rig(
     return by_lamps.Rig(lamps, scattering, phase, beam)
 
 
-def _told(
+def _declared(
     rng: np.random.Generator, names: tuple[str, ...], lamps: tuple[Lamp, ...]
 ) -> tuple[Lamp, ...]:
     """Return the lamps as declared, with their errors."""
@@ -158,10 +158,10 @@ def _told(
             replace(lamp, beam_angle=min(lamp.beam_angle * wider, 350.0)) for lamp in lamps)
     if "unequal" in names:
         mean = np.mean([lamp.power for lamp in lamps], axis=0)
-        told = [draw(rng, "lamps.power_error") * mean for _ in lamps]
+        powers = [draw(rng, "lamps.power_error") * mean for _ in lamps]
         lamps = tuple(
             replace(lamp, power=vector(p))
-            for lamp, p in zip(lamps, told, strict=True))
+            for lamp, p in zip(lamps, powers, strict=True))
     return lamps
 
 
