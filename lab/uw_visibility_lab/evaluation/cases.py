@@ -3,7 +3,7 @@
 """One case: a scene in one water, by the pipeline, by OpenCV's methods, and by the oracle.
 
 A case is one point of section III of the paper. All methods process the same 8-bit
-pixels, and are compared with these pixels themselves. The oracle restores with the
+pixels, which are compared, too, as the degraded input. The oracle restores with the
 true water and range.
 """
 
