@@ -70,7 +70,7 @@ def main() -> None:
 
 
 def load_pair(width: int, height: int) -> tuple[Image, Image, str]:
-    """Return a turbid pair: aloe where it is at hand, else a rendered reef."""
+    """Return a turbid pair: aloe if there is recorded data, otherwise a rendered reef."""
     if not SCENE.is_dir():
         camera = StereoCamera(width, height, focal_length=600.0 * width / 640)
         water = Water(MEAN_ATTENUATION, DEPTH)

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Run the real node beside a real publisher, and tell what it answers, when, in what memory.
+"""Run the node with a publisher, and measure its answers, their latency and its memory.
 
     python -m benchmarks.node --rate 30 --seconds 120
     python -m benchmarks.node --rate 4 --seconds 60 --everything
@@ -8,13 +8,12 @@
     python -m benchmarks.node --starts 5 --disparity-only
 
 Node, camera and listener are three processes; the node's environment is that of its launch
-file.
-Latency is from an image's stamp, which is the moment of its publication, to the arrival of
-its disparity. Growth of the memory counts from 15 s after the first answer. `--table` (`make
-rates`) prints how many frames are answered at 10, 15 and 30 Hz, with the disparity subscribed
-to and with all images. `--starts` times starts instead, with the camera running, until the first
-answer; `--cold` does so without kernels on disk. Measure on an idle machine: the three share its
-processors.
+file. Latency is the time from an image's stamp, which is the time of its publication, to the
+arrival of its disparity. Growth of memory is counted from 15 s after the first answer. `--table`
+(`make rates`) prints the share of frames that are answered at 10, 15 and 30 Hz, with
+subscriptions to the disparity only and to all images. `--starts` measures the time from the
+node's start to the first answer instead, with the camera running; `--cold` does so without
+kernels on disk. Measure on an idle machine, since the three processes share its processors.
 """
 
 from __future__ import annotations
@@ -75,17 +74,17 @@ def main() -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--rate", type=float, default=30.0, help="pairs per second")
-    parser.add_argument("--table", action="store_true", help="rates and subscribers in turn")
-    parser.add_argument("--size", default="640x480", help="of the images, px")
-    parser.add_argument("--seconds", type=float, default=120.0, help="how long to publish")
+    parser.add_argument("--table", action="store_true", help="all rates and subscriptions")
+    parser.add_argument("--size", default="640x480", help="size of the images, px")
+    parser.add_argument("--seconds", type=float, default=120.0, help="duration of publishing")
     parser.add_argument("--best-effort", action="store_true", help="publish as sensor data")
-    parser.add_argument("--everything", action="store_true", help="depth image and points too")
-    parser.add_argument("--disparity-only", action="store_true", help="subscribe to no image")
+    parser.add_argument("--everything", action="store_true", help="depth image and points, too")
+    parser.add_argument("--disparity-only", action="store_true", help="subscribe to no images")
     parser.add_argument("-p", action="append", default=[], metavar="NAME:=VALUE", dest="given",
                         help="parameter of the node")
-    parser.add_argument("--starts", type=int, default=0, help="time so many starts instead")
+    parser.add_argument("--starts", type=int, default=0, help="number of starts to time instead")
     parser.add_argument("--cold", action="store_true", help="every start compiles all kernels")
-    parser.add_argument("--json", metavar="FILE", help="write the numbers there")
+    parser.add_argument("--json", metavar="FILE", help="file for the numbers")
     options = parser.parse_args()
     use_one_thread()
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -105,7 +104,7 @@ def main() -> int:
 
 
 def print_table(options: argparse.Namespace) -> None:
-    """Print how many frames are answered, and what one costs, by rate and subscribers."""
+    """Print answered frames, latency and processor time, by rate and subscriptions."""
     print("| Subscribed | Input | Answered | Latency, median, 95 % | Processor time per answer |")
     print("| --- | --- | --- | --- | --- |")
     for subscribed, options.disparity_only in (("disparity", True), ("all images", False)):
@@ -119,9 +118,9 @@ def print_table(options: argparse.Namespace) -> None:
 
 
 def print_starts(options: argparse.Namespace) -> None:
-    """Print how long the node takes from its start to its first answer.
+    """Print the time from the node's start to its first answer.
 
-    The time of the processors tells more than that of the clock where others use the machine.
+    On a shared machine processor time is more reliable than elapsed time.
     """
     times = []
     for _ in range(options.starts):
@@ -147,7 +146,7 @@ def print_starts(options: argparse.Namespace) -> None:
 
 
 def run(options: argparse.Namespace) -> dict[str, Any]:
-    """Start the node, publish into it, and return the numbers."""
+    """Start the node, publish to it, and return the numbers."""
     with tempfile.TemporaryDirectory() as folder, reserved_domain() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         with started_node(Path(folder), domain, options) as node:
@@ -155,7 +154,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def started_node(folder: Path, domain: int, options: argparse.Namespace) -> NodeProcess:
-    """Return the node, to be started; its log stands in the folder."""
+    """Return the node's process, not started yet; its log is in the folder."""
     arguments = [part for given in options.given for part in ("-p", given)]
     arguments += EVERYTHING if options.everything else ()
     ros = ("--ros-args", *arguments) if arguments else ()
@@ -163,7 +162,7 @@ def started_node(folder: Path, domain: int, options: argparse.Namespace) -> Node
 
 
 def measure(node: NodeProcess, folder: Path, options: argparse.Namespace) -> dict[str, Any]:
-    """Publish into the running node, listen, and return the numbers."""
+    """Publish to the running node, listen, and return the numbers."""
     begin = time.monotonic()
     while "ready after" not in (folder / "node.log").read_text(encoding="utf-8"):
         check(node, begin)
@@ -182,7 +181,7 @@ def measure(node: NodeProcess, folder: Path, options: argparse.Namespace) -> dic
 
 
 def check(node: NodeProcess, begin: float) -> None:
-    """Raise NodeDied where the node has ended, or takes too long to start."""
+    """Raise NodeDied if the node has ended, or takes too long to start."""
     node.check()
     if time.monotonic() > begin + START_TIMEOUT:
         raise NodeDied(f"the node has not started within {START_TIMEOUT:.0f} s")
@@ -231,7 +230,7 @@ def make_frame(width: int, height: int) -> tuple[dict[str, str], dict[str, bytes
 
 
 class Listener:
-    """Hears what the node publishes, and asks it for a parameter from time to time."""
+    """Subscriber to the node's results, which also requests a parameter periodically."""
 
     def __init__(self, topics: Mapping[str, str]) -> None:
         self.answers: dict[int, int] = {}
@@ -254,7 +253,7 @@ class Listener:
         self._thread.start()
 
     def close(self) -> None:
-        """Hear no more."""
+        """Stop listening."""
         rclpy.shutdown()
         self._thread.join()
 
@@ -297,7 +296,7 @@ def memory(pid: int) -> dict[str, float]:
 def watch(
     pid: int, publisher: subprocess.Popen[bytes], listener: Listener
 ) -> tuple[list[tuple[float, float]], dict[str, float]]:
-    """Note the memory since the first answer until the publisher ends, and the load."""
+    """Record memory from the first answer until the publisher ends, and the processor load."""
     while not listener.answers and publisher.poll() is None:
         time.sleep(0.05)
     begin, worked, heard = time.monotonic(), processor_time(pid), len(listener.answers)
@@ -315,13 +314,13 @@ def watch(
 def summarise(
     sent: dict[str, int], listener: Listener, history: list[tuple[float, float]]
 ) -> dict[str, Any]:
-    """Return the numbers by what they are."""
+    """Return the numbers by name."""
     latency = sorted(
         1e-6 * (arrival - stamp) for stamp, arrival in listener.answers.items()
         if sent["first"] <= stamp <= sent["last"]
     )
     if not latency:
-        raise RuntimeError("the node has answered nothing")
+        raise RuntimeError("the node has answered no frame: see its log")
     last = listener.diagnostics[-1][1]
     halfway = listener.diagnostics[len(listener.diagnostics) // 2][1]
     reliability = halfway["input"]["reliability of left/image_rect"]
@@ -352,14 +351,14 @@ def summarise(
     report["around over pipeline"] = statistics.median(around) / pipeline
     for name, value in spread(sorted(listener.asked)).items():
         report[f"a parameter's answer, {name} (ms)"] = value
-    report["diagnostics beside 1 Hz, largest (ms)"] = 1e3 * max(late, default=0.0)
+    report["diagnostics off their period of 1 s, largest (ms)"] = 1e3 * max(late, default=0.0)
     report["memory growth after warm-up (MiB)"] = max(settled) - settled[0]
     report["latencies (ms)"] = [round(value, 2) for value in latency]
     return report
 
 
 def numbers(listener: Listener, part: str, name: str) -> list[float]:
-    """Return what the node said of itself, once a second."""
+    """Return a value of the node's diagnostics, which come once a second."""
     found = [values[part][name] for _, values in listener.diagnostics if name in values[part]]
     return [float(value) for value in found]
 

@@ -1,9 +1,9 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A stereo camera for `benchmarks.node`: publishes one pair again and again, at a rate.
+"""Stereo camera for `benchmarks.node`: publishes one pair repeatedly, at a given rate.
 
-In a process of its own, as a camera's driver is. Prints one line of JSON: what was sent,
-and how many pairs left more than half a period late.
+It runs in its own process, like the driver of a camera. It prints one line of JSON: what
+was sent, and how many pairs were sent more than half a period late.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from rclpy.qos import ReliabilityPolicy
 
 from uw_visibility_lab.demonstration.client import Player
 
-# The first start of a node compiles its kernels, on a busy machine for minutes.
+# The first start of a node compiles its kernels, which takes minutes on a busy machine.
 PATIENCE = 300.0  # s
 
 
 def main() -> None:
-    """Wait until somebody listens, then publish."""
+    """Wait for subscribers, then publish."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.node_publisher")
     parser.add_argument("frame", help="file of pickled (types, serialised messages), by topic")
     parser.add_argument("--rate", type=float, default=30.0, help="pairs per second")
     parser.add_argument("--frames", type=int, default=90, help="pairs to publish")
     parser.add_argument("--best-effort", action="store_true", help="publish as sensor data")
     parser.add_argument("--wait", type=float, default=2.0, metavar="SECONDS",
-                        help="from being subscribed to until the first pair")
+                        help="time from the subscription to the first pair")
     parser.add_argument("--paced", action="store_true",
-                        help="say when ready, then publish a pair for each line of input")
+                        help="print ready, then publish a pair for each line of input")
     options = parser.parse_args()
     types, messages = pickle.loads(Path(options.frame).read_bytes())
     rclpy.init(args=[])
@@ -62,7 +62,7 @@ def main() -> None:
             late += time.monotonic() - due > 0.5 / options.rate
         stamps.append(player.publish(messages))
     if not options.paced:
-        # What was sent last is still on its way.
+        # The last messages are still on their way.
         time.sleep(1.0)
     found = {"sent": len(stamps), "late": late, "first": stamps[0], "last": stamps[-1]}
     print(json.dumps(found), flush=True)

@@ -1,13 +1,13 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the preset for small computers costs in accuracy, and what it saves in time.
+"""Accuracy and time of the preset for small computers, compared with the default.
 
     python -m benchmarks.presets
     python -m benchmarks.presets --try stereo.reduction=2 --try stereo.support_step=8
 
 Scenes with known disparity in simulated water, and real boards under water; each row has
-the default parameters changed in one way. Times are those of one thread on aloe, 640x480,
-of calls that take turns, in the processor's time, over that of the default.
+one change of the default parameters. Times are processor times of one thread on aloe,
+640x480, of calls that take turns, relative to the default.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ FAST = ROOT / "config" / "fast.yaml"
 SCENES = ("aloe", "art", "dolls", "moebius")
 ATTENUATIONS = (0.0, 0.1, 0.2, 0.3)
 DEPTH = 2.0
-# Aloe is brought to the size of a usual camera.
+# Aloe is reduced to the image size of a usual camera.
 SIZE = (640, 480)
 
 Parameters = Mapping[str, Any]
 
-# What else saves time, to be held against the preset.
+# Another way to save time, for comparison with the preset.
 COARSE: Parameters = {"stereo.support_step": 10}
 
 
@@ -60,7 +60,7 @@ def main() -> None:
         help="another row",
     )
     parser.add_argument("--rounds", type=int, default=9, help="rounds of the timing")
-    parser.add_argument("--json", metavar="FILE", help="write the rows there")
+    parser.add_argument("--json", metavar="FILE", help="file for the rows")
     options = parser.parse_args()
     rows = compare(options.tried, options.rounds)
     if options.json:
@@ -68,9 +68,9 @@ def main() -> None:
 
 
 def compare(tried: list[str], rounds: int) -> dict[str, dict[str, float]]:
-    """Measure the default, the preset and what else is to be tried; print and return the rows."""
+    """Measure the default, the presets and those of --try; print and return the rows."""
     if not DATA.is_dir():
-        print("\nno presets compared: no recorded data beside the tree")
+        print(f"\nno presets compared: there is no recorded data in {DATA}")
         return {}
     presets: dict[str, Parameters] = {
         "default": {}, "fast": read_yaml(FAST), "full size, coarse": COARSE,

@@ -15,7 +15,7 @@ def take_turns(
     candidates: Mapping[str, Callable[[], Any]], rounds: int,
     clock: Callable[[], float] = time.process_time,
 ) -> dict[str, list[float]]:
-    """Time every candidate once a round, after one round that does not count; ms."""
+    """Time every candidate once per round, after a warm-up round that does not count; ms."""
     times: dict[str, list[float]] = {name: [] for name in candidates}
     for turn in range(rounds + 1):
         for name, call in candidates.items():
@@ -27,6 +27,6 @@ def take_turns(
 
 
 def processor_time(pid: int) -> float:
-    """Return the time that processors have worked for a process, s."""
+    """Return the processor time of a process, s."""
     fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / float(os.sysconf("SC_CLK_TCK"))

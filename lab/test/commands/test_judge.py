@@ -27,7 +27,7 @@ def test_the_table_has_its_rows(tmp_path: Path, capsys: pytest.CaptureFixture[st
         "scenes, no effect", "plain", "sea-thru",
         "scenes, all effects", "", "plain", "", "sea-thru", ""]
     assert {row.split()[-14] for row in rows if row[:24].strip()} == {"2"}
-    assert "told or not changes in" in rows[4]
+    assert "flip between told and not told" in rows[4]
     with out.open(encoding="utf-8") as file:
         table = list(csv.DictReader(file))
     assert [row["estimator"] for row in table[:4]] == ["free", "free", "plain", "plain"]

@@ -258,7 +258,7 @@ def test_automatic_white_balance_differs_from_frame_to_frame() -> None:
     [
         (["--frames", "0"], "frames"),
         (["--rate", "-1"], "rate"),
-        (["--start", "yesterday"], "yesterday is no time"),
+        (["--start", "yesterday"], "yesterday is not a time"),
         (["--start", "2050-01-01"], "from 1970 to 2037"),
         (["--width", "2"], "image size"),
         (["--baseline", "0"], "baseline"),

@@ -14,19 +14,19 @@ from uw_visibility_lab.commands.described import add_described
 HELP = "simulate, run the node, play the bag into it, report"
 DESCRIPTION = """\
 Simulate a short transect, start the node in a process of its own, play the recording
-into it over DDS at the recorded rate, and hold what it publishes against the truth."""
+into it over DDS at the recorded rate, and compare its results with the truth."""
 
 EPILOG = """\
 written to DIR:
   frame_NNN.png   raw and enhanced image, range, estimates and truth
-  series.png      mean attenuation, visibility distance and depth over the truth
+  series.png      mean attenuation, visibility distance and depth, with the truth
   frames.csv      a row for each frame
   transect/       the recording
   node.log        what the node printed
 
-The node runs with its default parameters, in a ROS domain of its own that stays on
-this machine. Images are stamped as they are sent; the latency is from there to the
-arrival of the last message of their result."""
+The node runs with its default parameters, in its own ROS domain, which is limited to
+this machine. Images are stamped when they are sent; latency is the time from then to
+the arrival of the last message of their result."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -39,12 +39,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Exit with code 1 if the node ends before its time."""
+    """Exit with code 1 if the node ends too early."""
     from uw_visibility_lab.simulation.transect import Transect
 
     transect = Transect(frames=arguments.frames, rate=arguments.rate, seed=arguments.seed)
     with needing("ros,report", "the demo"):
-        # What needs ROS, recordings and figures.
+        # These imports need ROS, recordings and figures.
         from uw_visibility_lab.demonstration.node_process import NodeDied
         from uw_visibility_lab.demonstration.run import demonstrate
     with refusing(f"cannot make folder {arguments.output}"):

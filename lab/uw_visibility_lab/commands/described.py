@@ -9,18 +9,18 @@ from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 Options: TypeAlias = Mapping[str, Any]
-"""Default and help by option names and metavars; such a table by the title of a group.
+"""Default and help by option names and metavars; or such a table by the title of a group.
 
-The default tells the type, float without one, unless it is given behind the help. Braces hold
-choices, dots stand for one value or more.
+The type is that of the default (float for None), unless it is given after the help. Braces enclose
+choices; dots mean one or more values.
 """
 
 REQUIRED: Any = object()
-"""In the place of a default: the option must be given."""
+"""Instead of a default: the option must be given."""
 
 
 def add_described(parser: argparse._ActionsContainer, options: Options) -> None:
-    """Add options to a parser, and groups of them; help ends with the default."""
+    """Add options and groups of options to a parser; the default is appended to the help."""
     for named, described in options.items():
         if isinstance(described, Mapping):
             add_described(parser.add_argument_group(named), described)
@@ -41,10 +41,10 @@ def add_described(parser: argparse._ActionsContainer, options: Options) -> None:
         elif values[0].startswith("{"):
             how = {"choices": values[0].strip("{}").split(","), "default": default}
         shown = default if isinstance(default, tuple | list) else (default,)
-        told = default in (None, []) or text.endswith(")")
+        complete = default in (None, []) or text.endswith(")")
         parser.add_argument(
             *names, type=kind[0] if kind else _kind(shown[0]),
-            help=text if told else f"{text} ({' '.join(map(_shown, shown))})", **how,
+            help=text if complete else f"{text} ({' '.join(map(_shown, shown))})", **how,
         )
 
 

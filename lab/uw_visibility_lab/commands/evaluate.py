@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""`uw_visibility evaluate`: the paper's simulation experiments, beside peers and oracle."""
+"""`uw_visibility evaluate`: the paper's simulation experiments, with peers and an oracle."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 # Each takes up to 1 GB.
 MOST_JOBS = 256
 RESULT = "evaluation.json"
-# Those that earlier versions wrote are replaced as well.
+# Files of earlier versions are replaced, too.
 EARLIER = ("adverse_cases", "adverse", "edges", "transect", "table1", "fig10", "noisy_cases",
            "noise", "lamp_cases", "lamps")
 TABLES = ("cases", "conditions", "reliability", "survey", *EARLIER)
@@ -33,22 +33,22 @@ PRODUCTS = Products(
         *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "pdf", "svg"))),
     "not left by an evaluation")
 
-HELP = "the paper's simulation experiments, beside peers and oracle"
+HELP = "the paper's simulation experiments, with peers and an oracle"
 DESCRIPTION = """\
-Rerun section III of the paper: put stereo scenes with known disparity under water,
-for each mean attenuation and depth of a grid, and compare what the pipeline makes of
-them with the truth, with OpenCV's matcher and histogram methods, and with the oracle,
-which knows the water and the ranges.
+Rerun section III of the paper: simulate stereo scenes with known disparity under water,
+for each mean attenuation and depth of a grid, and compare the pipeline's results with
+the truth, with OpenCV's matcher and histogram methods, and with the oracle, which knows
+the water and the ranges.
 
-The water there is lit as the scene is, and parameter water.veil is paper unless it is set.
+Scene and water have the same light, and the parameter water.veil is paper by default.
 
-With --lamps, it renders a survey by night instead, lit by the vehicle's own lamps, that looks
-down at the floor, and shows what the pipeline says of the water, frame by frame and with the
-frames before, and how alike the same ground is over the frames.
+With --lamps, a survey of the sea floor at night is rendered instead, lit by the vehicle's
+lamps. Results are the water, estimated from single frames and with earlier frames, and the
+variation of the same ground's colours over the frames.
 
-A DATASET is a scene or a folder of scenes of the Middlebury 2005 or 2006 form: view1
-and view5 (images), disp1.png and, where there is one, disp5.png. Without a DATASET,
-scenes of our own are rendered."""
+A DATASET is a scene or a folder of scenes in the form of Middlebury 2005 or 2006: view1
+and view5 (images), disp1.png and optionally disp5.png. Without a DATASET, scenes of our
+own are rendered."""
 
 EPILOG = """\
 written to DIR:
@@ -58,7 +58,7 @@ written to DIR:
   reliability.csv   share of right disparities by confidence, for each noise
   evaluation.json   all of these, the settings, and the summary
   fig3_SCENE.png    pixels over range, envelopes and fitted curves (Fig. 3)
-  fig5.png          disparities of the pair under water and improved ones (Fig. 5)
+  fig5.png          disparities of the raw and of the enhanced pair (Fig. 5)
   fig6.png          attenuation, unmatched and correct disparities over turbidity (Fig. 6),
                     and these with noise
   fig7.png          attenuation and colour difference over depth (Fig. 7), and
@@ -66,14 +66,14 @@ written to DIR:
   fig9.png          histogram equalisation, CLAHE, ours, oracle (Fig. 9)
 
 with --lamps:
-  survey.csv        each frame of the survey: its estimate, and that with the frames before
+  survey.csv        each frame of the survey: its estimate, and that with earlier frames
   survey.png        frames by method, and attenuation over the frames
   evaluation.json   all of these, the settings, and the summary
 
 Columns of estimates are those of `uw_visibility judge --help`.
-An empty field, or null, is not assessable; the status beside it says why. A disparity
-is correct within 1 px (2 px for images wider than 1000 px), of all pixels whose truth
-is known. All matchers search the same disparities: up to the scene's largest, unless
+An empty field, or null, is not assessable; the status gives the reason. A disparity is
+correct within 1 px (2 px for images wider than 1000 px), of all pixels whose truth is
+known. All matchers search the same disparities: up to the scene's largest, unless
 stereo.max_disparity is set. The result does not depend on --jobs.
 
 exit code: 0 done, 2 unusable input or options, 1 a failure inside"""
@@ -84,16 +84,16 @@ NOISES, QUICK_NOISES = ("1", "2", "4", "camera"), ("2",)
 
 OPTIONS: Options = {
     "-o --output DIR": (REQUIRED, "folder for tables and figures", Path),
-    "--force": (False, "replace what an evaluation left there"),
+    "--force": (False, "replace the results of an earlier evaluation"),
     "--attenuation A ...": (None, "mean attenuations α, 1/m (0 0.1 0.2 0.3)"),
     "--depth Z ...": (None, "depths z, m (1 2 5)"),
     "--noise N ...": (
-        None, "noises of the sensor beside none, at one depth: Gaussian of N codes of 255, or "
-        f"camera for shot and read noise; 0 for no other ({' '.join(NOISES)})", str),
+        None, "noises of the sensor in addition to none, at one depth: Gaussian of N codes of "
+        f"255, or camera for shot and read noise; 0 for no other ({' '.join(NOISES)})", str),
     "--paper": (
-        False, "the grid of section III: α 0 to 0.3 1/m by 0.05, z 0 to 5 m; four times the "
+        False, "the grid of section III: α 0 to 0.3 1/m by 0.05, z 0 to 5 m; four times as many "
         "waters"),
-    "--format {png,pdf,svg}": ("png", "of the figures: png, or pdf or svg for print"),
+    "--format {png,pdf,svg}": ("png", "format of the figures: png, or pdf or svg for print"),
     "--quick": (
         False, "a small grid (α 0 and 0.2 1/m, z 2 m, noise of 2 codes)"),
     "--jobs N": (1, "processes that share the work; each takes up to 1 GB"),
@@ -101,7 +101,7 @@ OPTIONS: Options = {
         None, "parameters of the pipeline, such as stereo.matcher and stereo.model for a network, "
         "in the form of config/uw_visibility.yaml", Path),
     "survey under lamps": {
-        "--lamps": (False, "a survey by night"),
+        "--lamps": (False, "a survey at night"),
         "--frames N": (None, "frames of the survey (100)", int),
     },
 }
@@ -116,7 +116,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 Written = tuple[Callable[[Path], object], str]
-"""What writes a study's results to a folder, and its summary as text."""
+"""Function that writes a study's results to a folder, and the summary as text."""
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -154,7 +154,7 @@ def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Writt
         scenes=find_scenes(arguments.datasets),
         attenuations=tuple(arguments.attenuation or attenuations),
         depths=tuple(arguments.depth or depths),
-        # Veil and light are one in the paper's experiments.
+        # In the paper's experiments the veil has the light of the scene.
         config=read_config(arguments.params_file, {"water.veil": "paper"}),
         noises=tuple(arguments.noise or (QUICK_NOISES if quick else NOISES)),
     )
@@ -186,7 +186,7 @@ def _run_survey(arguments: argparse.Namespace, progress: Progress) -> Written:
 
 
 def read_config(path: Path | None, defaults: dict[str, Any]) -> PipelineConfig:
-    """Read the parameters, with other defaults for some."""
+    """Read the parameters; `defaults` replace some of the package's."""
     from uw_visibility.commands.options import read_params_file
     from uw_visibility.config.schema import PipelineConfig
 
@@ -194,6 +194,6 @@ def read_config(path: Path | None, defaults: dict[str, Any]) -> PipelineConfig:
     if config.camera.transfer != "linear":
         raise InputError(
             f"{path}: camera.transfer is {config.camera.transfer}: "
-            "simulated water is linear, leave it out"
+            "simulated images are linear, leave it out"
         )
     return config

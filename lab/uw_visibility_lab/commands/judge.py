@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""`uw_visibility judge`: one table of how good estimators of the water are, world by world."""
+"""`uw_visibility judge`: one table of the accuracy of estimators of the water, by kind of case."""
 
 from __future__ import annotations
 
@@ -20,36 +20,36 @@ if TYPE_CHECKING:
     from uw_visibility_lab.evaluation.judging import Judged
     from uw_visibility_lab.posterior.judge import Case, Estimator
 
-HELP = "one table of how good estimators of the water are, world by world"
+HELP = "one table of the accuracy of estimators of the water, by kind of case"
 DESCRIPTION = """\
-Give estimators of attenuation and visibility, ours and published ones, the same cases: random views
-of scenes with all effects together, with none, and with each alone; path-traced scenes; and what
-should change nothing: noise of one code, one row and column cut off, the mirrored frame. Frames of
-the sea have no truth: their distances, and those of their halves, are listed.
+Test estimators of attenuation and visibility, ours and published ones, with the same cases: random
+views of scenes with all effects, with none, and with each alone; path-traced scenes; and frames
+after changes that should have no effect: noise of one code, one row and column cut off, mirroring.
+Frames of the sea have no truth: their distances, and those of their halves, are listed.
 
-With --lamps the cases are frames by lamps that are told, as they are or wrongly; with daylight
-beside them; and by night, told as by day.
+With --lamps the cases are frames under lamps that are declared correctly or with errors; with
+additional daylight; and frames under lamps that are declared as daylight.
 
-What an estimator was trained on does not judge it: give other scenes."""
+Do not test an estimator with the scenes that it was trained on: give others."""
 
 EPILOG = """\
 columns:
   told         part of the cases with a distance whose 16 and 84 % differ by at most 2.5 times
-  ln β, ln d   root mean square of the error of their logarithms, where told
-  score        root mean square of the distance's error over its σ: 1 is right
-  1 σ .. 3 σ   part of the distances within; right are .68, .95, 1.00
+  ln β, ln d   root mean square of the error of their logarithms, of the told cases
+  score        root mean square of the distance's error over its σ: 1 if calibrated
+  1 σ .. 3 σ   part of the distances within; .68, .95, 1.00 if calibrated
   >3 σ         part of the cases with any channel's β, or the distance, beyond 3 σ
   long, short  part of the distances that are wrong by more than a fifth
-  low          part of the intervals whose lower end is beyond the truth; .16 is right
+  low          part of the intervals whose lower end is above the truth; .16 if calibrated
   crps         continuous ranked probability score of ln d: less is better
   ms           median time of a case
 
 columns with --pictures:
-  step, 8 px   99th percentile of the steps of the gain between neighbours, and pixels 8 px apart,
-               that the raw picture has the same values at; codes
-  noise        of the flattest areas, over the raw picture's
+  step, 8 px   99th percentile of the steps of the gain between neighbours, and between pixels 8 px
+               apart, that have equal values in the raw picture; codes
+  noise        of the flattest areas, relative to the raw picture
   ΔE           mean colour difference to the scene without water, at the best exposure
-  flicker      change of blocks' means to the next frame, of this scene with other noise; codes"""
+  flicker      change of blocks' means between frames of the same scene with other noise; codes"""
 
 OPTIONS: Options = {
     "--scenes POOL": (
@@ -65,10 +65,10 @@ OPTIONS: Options = {
         "fit; sea-thru, the fit of the backscatter by Sea-thru; or a file that `uw_visibility "
         "train` wrote"),
     "--csv FILE": (None, "table to write: a row for each case and estimator", Path),
-    "--cases N": (100, "views of each kind"),
-    "--seed S": (0, "of the views"),
+    "--cases N": (100, "number of cases of each kind"),
+    "--seed S": (0, "seed of the cases"),
     "--each": (False, "a row for every effect alone, too"),
-    "--lamps": (False, "judge the estimator under lamps instead, by nights of --scenes"),
+    "--lamps": (False, "judge the estimator for lamps instead, by nights of --scenes"),
     "--pictures": (
         False, "judge enhanced pictures instead, of --pairs and --traced: seams, noise, colour"),
 }
@@ -105,8 +105,8 @@ def run(arguments: argparse.Namespace) -> None:
             say(line_of(f"  {name}" if place else kind.name, row_of(judged[name])))
             if kind.disturbed:
                 changed, moved = flips(estimator, list(kind.cases(max(kind.number // 4, 1))))
-                say(f"{'':24} told or not changes in {changed:.3f} of the frames that differ in "
-                    f"nothing, ln d by {moved:.2f} σ")
+                say(f"{'':24} slightly changed frames: {changed:.3f} flip between told and not "
+                    f"told, ln d moves by {moved:.2f} σ")
             rows += [
                 flat({"cases": kind.name, "estimator": name, **each.row()})
                 for each in judged[name]]
@@ -152,9 +152,9 @@ def _judge_pictures(arguments: argparse.Namespace) -> None:
 
 
 class _Kind(NamedTuple):
-    """A row of the table: `cases` makes the first so many of its cases, `number` are judged.
+    """A row of the table: `cases` yields its first so many cases, of which `number` are judged.
 
-    Where `disturbed`, a quarter of them is judged again with changes that should do nothing.
+    If `disturbed`, a quarter of them is judged again after changes that should have no effect.
     """
 
     name: str
@@ -188,10 +188,10 @@ def _kinds(
             lambda first: islice(traced(arguments.traced, seed), first), estimators)
 
 
-# Exponent of reflectance over its median: scenes of a pool differ by a factor of two, sand and rock
-# by 25 % (issue 31).
+# Exponent of reflectance relative to its median: scenes of a pool vary by a factor of two, sand and
+# rock by 25 % (issue 31).
 _OF_GROUND = 0.35
-# Shares of daylight in the light of surfaces that lamps light, too.
+# Shares of daylight in the light of surfaces under lamps.
 _DAYLIGHT = (0.0, 0.02, 0.1, 0.3, 0.6, 0.9)
 
 
@@ -228,7 +228,7 @@ def _list_sea(name: str, estimator: Estimator, folder: Path) -> None:
     from uw_visibility_lab.posterior.cases import halves, sea
     from uw_visibility_lab.posterior.judge import describe
 
-    say(f"frames of the sea, {name}: visibility, m, with its 16 and 84 %")
+    say(f"frames of the sea, {name}: visibility, m, with its 16 and 84 % quantiles")
     for case in sea(folder):
         for part in (case, *halves(case)):
             say(f"  {part.name:12} {describe(estimator(part))}")

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""`uw_visibility render`: path-traced scenes under water with their truth."""
+"""`uw_visibility render`: path-traced scenes under water with ground truth."""
 
 from __future__ import annotations
 
@@ -12,39 +12,39 @@ from uw_visibility.errors import InputError, check_range
 from uw_visibility.replay.progress import say
 from uw_visibility_lab.commands.described import REQUIRED, Options, add_described
 
-HELP = "path-traced scenes under water with their truth"
+HELP = "path-traced scenes under water with ground truth"
 DESCRIPTION = """\
-Draw sea floors and waters, and follow light through them with a path tracer (Mitsuba 3):
-absorption, and scattering of all orders, with none of this package's light model. It judges
-estimates; nothing is fitted on it. A folder is made for each scene. What is complete is left as
-it is, so that a command that was stopped goes on when it is given again.
+Draw random sea floors and waters, and render them with a path tracer (Mitsuba 3): with absorption,
+and scattering of all orders, without this package's light model. The scenes are test data: nothing
+is fitted to them. Each scene has its own folder. Complete folders are kept: give the same command
+again to continue after an interruption.
 
-Daylight is a shining surface, of one radiance in all directions, at the camera's depth above it;
-channels are 600, 540 and 460 nm; water is the same everywhere; there is no sensor's noise. The
-extra trace of the lab has what is needed: pip install -e 'lab[trace]'. With an LLVM library of
-16 or later (DRJIT_LIBLLVM_PATH, or Debian's libllvm19) it is several times faster."""
+Daylight comes from the sea surface, with the same radiance in all directions; channels are 600, 540
+and 460 nm; water is the same everywhere; images have no sensor noise. Install the lab's extra
+trace: pip install -e 'lab[trace]'. With an LLVM library of version 16 or later
+(DRJIT_LIBLLVM_PATH, or Debian's libllvm19) it is several times faster."""
 
 EPILOG = """\
 in each folder:
   left.png, right.png     linear, 16 bit (the right one with --stereo)
   left.npz                ranges (m along the line of sight, NaN: open water), reflectance, black
                           (the veil alone: surfaces are black), surface (radiance of the surfaces
-                          with no water before them), raw and raw_black (before denoising)
-  left_srgb.png           to look at
+                          without water in front), raw and raw_black (before denoising)
+  left_srgb.png           for display
   truth.json              written last: absorption, scattering, phase function, attenuation of
-                          surfaces' light with its σ, veil (null where too little open water
+                          surfaces' light with its σ, veil (null if too little open water
                           is in view), light, calibration"""
 
 OPTIONS: Options = {
     "-o --output FOLDER": (REQUIRED, "folder of the scenes' folders", Path),
-    "--scenes N": (40, "scenes"),
-    "--seed N": (1, "seed of the first; the others' follow"),
-    "--kinds KIND,...": ("boulders,reef", "of boulders and reef, in turn"),
+    "--scenes N": (40, "number of scenes"),
+    "--seed N": (1, "seed of the first scene; those of the others follow"),
+    "--kinds KIND,...": ("boulders,reef", "kinds of scenes, in turn: boulders, reef"),
     "--size WxH": ("320x240", "width and height of an image, px"),
     "--samples N": (128, "paths for each pixel and channel"),
     "--stereo": (False, "render the right view, too"),
-    "--lamps N": (0, "lamps beside the camera, by night, instead of daylight"),
-    "--threads N": (2, "that trace"),
+    "--lamps N": (0, "lamps beside the camera, at night, instead of daylight"),
+    "--threads N": (2, "number of threads"),
 }
 
 
@@ -74,10 +74,10 @@ def run(arguments: argparse.Namespace) -> None:
         scenes.append((f"{seed:05d}_{kind}", draw_scene(seed, kind, arguments.lamps)))
     width, height = int(size[1]), int(size[2])
     check_range("--size", (width, height), 16, 8192, "px")
-    # Before anything is made: what is missed is said at once.
+    # Before rendering, so that a missing package is reported at once.
     engine.mitsuba(arguments.threads)
     for number, (name, description) in enumerate(scenes, 1):
         made = render_scene(
             arguments.output / name, description, (width, height), arguments.samples,
             stereo=arguments.stereo, threads=arguments.threads)
-        say(f"{number}/{len(scenes)} {name}: {'rendered' if made else 'is there'}")
+        say(f"{number}/{len(scenes)} {name}: {'rendered' if made else 'complete already'}")

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""`uw_visibility simulate`: an underwater stereo transect as a bag, with its truth."""
+"""`uw_visibility simulate`: an underwater stereo transect as a bag, with ground truth."""
 
 from __future__ import annotations
 
@@ -30,40 +30,40 @@ def _stamp(text: str) -> int:
         seconds = time.replace(tzinfo=time.tzinfo or UTC).timestamp()
     except (ValueError, OverflowError) as error:
         raise argparse.ArgumentTypeError(
-            f"{text} is no time: give one such as 2024-05-01T12:00:00Z") from error
+            f"{text} is not a time: give one such as 2024-05-01T12:00:00Z") from error
     # A ROS stamp has 31 bits of seconds.
     if not 0 <= seconds < 1 << 31:
-        raise argparse.ArgumentTypeError(f"{text} is no stamp: give a time from 1970 to 2037")
+        raise argparse.ArgumentTypeError(f"{text} is out of range: give a time from 1970 to 2037")
     return round(seconds * 1e6) * 1000
 
 
 HELP = "an underwater stereo transect with its ground truth"
 DESCRIPTION = """\
-Render a stereo camera that swims over a reef while depth and turbidity change, and
-record it as a rosbag2 (mcap): images, calibration and a depth sensor as a vehicle
-has them, a transmissometer (/transmissometer, beam attenuation of the green channel, 1/m,
-with a noise of 2 %), and the truth about water, depth and disparity under /ground_truth.
-The same options give the same recording.
+Render the images of a stereo camera that moves over a reef while depth and turbidity
+change, and record them as a rosbag2 (mcap), with the calibration, a depth sensor, a
+transmissometer (/transmissometer, attenuation of the green channel, 1/m, with a noise
+of 2 %), and the truth about water, depth and disparity under /ground_truth. The same
+options give the same recording.
 
-The water is the paper's: clear water and grey particles, one light on the scene and in
-the water. Options under "water", "disturbances" and "camera" depart from it, each by
-itself or together, so that every way in which an estimate fails can be made.
+By default the water is that of the paper: clear water and grey particles, with the same
+light on the scene and in the water. Options under "water", "disturbances" and "camera"
+are departures from it, alone or together, to test when estimates fail.
 
 With --lamps or --lamp-positions the vehicle carries lamps, at night unless --daylight is
-given. Exposure is one for all frames then."""
+given. All frames then have the same exposure."""
 
 EPILOG = """\
 truth in the recording:
   /ground_truth/attenuation       β. With a water type, a layer or a plume the effective
                                   one: its e^(−βd) fits the transmission over the ranges
                                   in view best
-  /ground_truth/ambient_light     what open water is seen as: the veil B
-  /ground_truth/scene_light       what lights the scene: W; the same without --veil
-  /ground_truth/mean_attenuation  mean of β less clear water's
-  /ground_truth/visibility        where contrast falls to 0.05 in the clearest channel, m
+  /ground_truth/ambient_light     colour of open water: the veil B
+  /ground_truth/scene_light       light on the scene, W; equal to B without --veil
+  /ground_truth/mean_attenuation  mean of β minus that of clear water
+  /ground_truth/visibility        distance at which contrast is 0.05, clearest channel, m
   /ground_truth/depth, /ground_truth/disparity
-Light is given as the left image shows it, with its white balance, before its curve.
---range-scale falsifies the recorded CameraInfo alone.
+Light is in units of the left image: with white balance, before the transfer curve.
+--range-scale changes the recorded CameraInfo only.
 
 with lamps also:
   /ground_truth/lamps             a row for each lamp that fired: position (m, left camera:
@@ -71,7 +71,7 @@ with lamps also:
                                   (irradiance of white 1 m in front of it, in the image)
   /ground_truth/reflectance       of the surfaces, without light and shade; open water is 0
   BAG/lighting.yaml               the lamps as parameters, for --params-file
-Ambient and scene light are daylight's alone: 0 at night."""
+Ambient and scene light are those of daylight: 0 at night."""
 
 
 OPTIONS: Options = {
@@ -91,14 +91,14 @@ OPTIONS: Options = {
     "--altitude M ...": (
         [1.5], "height over the floor, or two between which the camera rises and sinks, m"),
     "--downward": (False, "look straight down, as in a survey of the floor"),
-    "--speed M/S": (0.4, "over ground"),
+    "--speed M/S": (0.4, "speed over ground"),
     "--exposure GAIN": (
-        None, "fixed exposure, where white at the surface comes to GAIN (default: automatic)"),
+        None, "fixed exposure: irradiance of white at the surface (default: automatic)"),
     "--depth-stddev M": (0.05, "noise of the depth sensor"),
-    "--position LAT LON": (None, "record positions too, /gps/fix: from here on to the east"),
-    "--threads N": (0, "threads; 0 takes one per processor"),
+    "--position LAT LON": (None, "record positions, too, /gps/fix: from here to the east"),
+    "--threads N": (0, "threads; 0: one per processor"),
     "lamps": {
-        "--lamps N": (None, "1, 2 or 4 lamps where vehicles carry them", int),
+        "--lamps N": (None, "1, 2 or 4 lamps at usual places on a vehicle", int),
         "--lamp-positions M ...": (
             None, "x y z of each lamp instead, from the left camera: right, down, forward"),
         "--lamp-directions X ...": (
@@ -106,14 +106,14 @@ OPTIONS: Options = {
         "--lamp-beam DEG": (
             None, "full angle of the beams at half power; 0 for all directions (90)"),
         "--lamp-power X ...": (
-            [1.0], "irradiance of white 1 m in front of a lamp, where daylight's is 1 at the "
+            [1.0], "irradiance of white 1 m in front of a lamp, relative to daylight's at the "
             "surface; one, or R G B"),
-        "--night": (False, "lamps alone, the default with lamps"),
-        "--daylight": (False, "daylight beside the lamps"),
+        "--night": (False, "lamps without daylight, the default with lamps"),
+        "--daylight": (False, "daylight in addition to lamps"),
         "--strobe {steady,alternate}": (
-            "steady", "alternate: lamps fire with every second frame"),
+            "steady", "alternate: lamps fire in every second frame"),
         "--lamp-jitter SHARE": (
-            0.0, "change of each lamp's power from frame to frame, standard deviation"),
+            0.0, "relative standard deviation of each lamp's power from frame to frame"),
         "--scattering-albedo R G B": (
             (0.6, 0.75, 0.8), "share of scattering in attenuation"),
         "--phase-function NAME": (
@@ -125,13 +125,13 @@ OPTIONS: Options = {
         "--veil RATIO ...": ([1.0], "veil B over light W on the scene, one ratio or R G B"),
         "--water-type TYPE": (
             None, "integrate over wavelength: clear, or Jerlov's IB, II, III, 1C, 3C, 5C; grey "
-            "particles of --attenuation come on top (default: one β per channel)", str),
+            "particles of --attenuation are added (default: one β per channel)", str),
         "--cdom A": (
             0.0, "dissolved organic matter, absorption at 440 nm, 1/m; with --water-type"),
         "--particle-slope G": (
             0.0, "colour of particles: exponent of (550 nm/λ); with --water-type"),
         "--channel-attenuation R G B": (
-            (0.0, 0.0, 0.0), "attenuation beyond that of grey particles, 1/m"),
+            (0.0, 0.0, 0.0), "attenuation in addition to that of grey particles, 1/m"),
         "--blur PX/M": (
             0.0, "forward scattering: standard deviation of a point's image per m of range"),
         "--layer A H": (
@@ -147,17 +147,17 @@ OPTIONS: Options = {
     },
     "disturbances": {
         "--marine-snow SHARE": (0.0, "share of the pixels that particles cover, 0 .. 0.5"),
-        "--snow-brightness X": (1.0, "how bright these are, where open water is 1"),
+        "--snow-brightness X": (1.0, "their brightness, relative to open water"),
         "--caustics SHARE": (0.0, "change of light by waves, 0 .. 1"),
     },
     "camera": {
-        "--transfer {linear,srgb}": ("linear", "how code values follow light"),
+        "--transfer {linear,srgb}": ("linear", "transfer function from light to code values"),
         "--white-balance R G B": ((1.0, 1.0, 1.0), "gains"),
-        "--automatic-white-balance": (False, "each frame's channels are made equal on average"),
-        "--vignetting SHARE": (0.0, "light that is lost in the corners, 0 .. 1"),
+        "--automatic-white-balance": (False, "equalise the channels' means in each frame"),
+        "--vignetting SHARE": (0.0, "share of light that is lost in the corners, 0 .. 1"),
         "--exposure-difference X": (0.0, "relative difference of the right image's exposure"),
         "--bayer": (False, "a mosaic of colour filters (RGGB), interpolated"),
-        "--jpeg QUALITY": (0, "compress and decompress, 1 .. 100 (default: not)"),
+        "--jpeg QUALITY": (0, "JPEG compression, 1 .. 100 (default: none)"),
         "--range-scale X": (
             1.0, "wrong calibration: the recorded baseline is X times the true one"),
     },
@@ -237,9 +237,9 @@ def _lighting(arguments: argparse.Namespace) -> Lighting:
     if axes:
         lamps = tuple(replace(lamp, direction=axis) for lamp, axis in zip(lamps, axes, strict=True))
     if arguments.night and arguments.daylight:
-        raise InputError("--night and --daylight are two lights: give one of them")
+        raise InputError("--night and --daylight exclude each other: give one of them")
     if arguments.night and not lamps:
-        raise InputError("--night has no light without lamps: give --lamps 2, say")
+        raise InputError("--night has no light without lamps: give some, as in --lamps 2")
     return of_arguments(
         Lighting, arguments, lamps=lamps, daylight=arguments.daylight or not lamps,
         shaded=not arguments.no_shading, jitter=arguments.lamp_jitter,

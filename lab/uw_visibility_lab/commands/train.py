@@ -15,26 +15,26 @@ from uw_visibility_lab.commands.described import REQUIRED, Options, add_describe
 
 HELP = "a posterior of the water, trained on random views"
 DESCRIPTION = """\
-Draw random views of scenes under water (see `python -m uw_visibility_lab.worlds`), summarise each
-as the estimator would, and train networks that infer attenuation, veil and light from the
-statistics. The same pool, seed and number of views give the same statistics; PyTorch's rounding
-may differ from one processor to another.
+Draw random views of scenes under water (see `python -m uw_visibility_lab.worlds`), reduce each to
+the estimator's statistics, and train networks that infer attenuation, veil and light from these.
+The same pool, seed and number of views give the same statistics; PyTorch's rounding may differ
+from one processor to another.
 
-`uw_visibility judge` compares the result with other estimators. What the package's estimator uses
-is its `data/daylight_posterior.npz`."""
+`uw_visibility judge` compares the result with other estimators. The package's estimator uses the
+networks in its `data/daylight_posterior.npz`."""
 
 OPTIONS: Options = {
     "-o --output NPZ": (REQUIRED, "file for the networks", Path),
-    "--force": (False, "replace networks that are there"),
-    "--views N": (50_000, "views to draw; a second a core draws some 30"),
+    "--force": (False, "replace existing networks"),
+    "--views N": (50_000, "views to draw; a core draws some 30 per second"),
     "--networks N": (3, "networks whose answers are averaged"),
-    "--epochs N": (30.0, "times that every view is shown"),
-    "--seed S": (0, "of the views"),
-    "--jobs N": (1, "processes that draw"),
+    "--epochs N": (30.0, "passes over all views"),
+    "--seed S": (0, "seed of the views"),
+    "--jobs N": (1, "processes that draw views"),
     "--views-file NPZ": (
-        None, "statistics of the views: read where there is one, else written", Path),
-    "--lamps SHARE": (None, "share of the views that are by lamps, instead of the beliefs'", float),
-    "--also NPZ": (None, "statistics of further views, that another run wrote", Path),
+        None, "statistics of the views: read if the file exists, otherwise written", Path),
+    "--lamps SHARE": (None, "share of views under lamps (default: that of the beliefs)", float),
+    "--also NPZ": (None, "statistics of further views, which another run wrote", Path),
 }
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Client of the node: plays messages into it at their times, and collects its answers."""
+"""Client of the node: sends messages to it at their times, and collects its answers."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from uw_visibility.ros.transport.factory import message_type
 from uw_visibility_lab.demonstration.node_process import NodeDied
 
 Check = Callable[[], None]
-"""Called again and again; raises where the work cannot or shall not go on."""
+"""Called repeatedly; raises an exception to stop the work."""
 
 ANSWER = "disparity"
-"""Topic that the node answers every frame with, whatever it can assess."""
+"""Topic of the node's answer to every frame, whether the water is assessable or not."""
 
 START_TIMEOUT = 900.0
-"""How long in s the node may take to start: it may have to compile its kernels, and not alone."""
+"""Limit of the node's start in s: it may have to compile its kernels, on a busy machine."""
 
 PROBE_INTERVAL = 10.0
 DRAIN_TIMEOUT = 15.0
@@ -43,7 +43,7 @@ class Player:
     """Publisher of serialised messages.
 
     topics: type of message by topic. Every type begins with a header.
-    reliability: by default reliable, so that an image of many packets arrives whole.
+    reliability: by default reliable, so that an image of many packets arrives completely.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Player:
         reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE,
     ) -> None:
         self._node = node
-        # Deep enough to hold both images while a slow machine sends them.
+        # Deep enough for both images while a slow machine sends them.
         qos = QoSProfile(depth=10, reliability=reliability)
         self._publishers = {
             topic: node.create_publisher(message_type(name), topic, qos)
@@ -61,7 +61,7 @@ class Player:
         }
 
     def unheard(self) -> list[str]:
-        """Return the topics that nobody subscribes to yet."""
+        """Return the topics without subscribers."""
         return [t for t, p in self._publishers.items() if p.get_subscription_count() == 0]
 
     def publish(self, messages: Mapping[str, bytes]) -> int:
@@ -76,18 +76,18 @@ class Player:
 
 
 class Answer(NamedTuple):
-    """Messages that the node answered one frame with."""
+    """The node's answer to one frame."""
 
-    messages: Mapping[str, Any]  # by topic; empty where the node did not answer
+    messages: Mapping[str, Any]  # by topic; empty if the node did not answer
     latency: float  # from the stamp to the arrival of the last of them in ms
 
 
 class Collector:
-    """Collector: subscribes to topics and keeps every message with the time of its arrival.
+    """Subscriber that keeps every message with the time of its arrival.
 
     Every type begins with a header.
-    Messages stay serialised while they come in: that takes no time from the
-    node that is being measured.
+    Messages are deserialised later, to take no time from the node that is being
+    measured.
     """
 
     def __init__(self, node: Node, topics: Mapping[str, str]) -> None:
@@ -115,7 +115,7 @@ class Collector:
             return self._news.wait_for(arrived, timeout)
 
     def answer(self, stamp: int) -> Answer:
-        """Return what has come of a stamp in ns."""
+        """Return the answer that has arrived for a stamp in ns."""
         with self._news:
             arrivals = dict(self._arrivals[stamp])
         last = max((time for time, _ in arrivals.values()), default=None)
@@ -150,10 +150,10 @@ def wait_until_ready(
     while not collector.wait(ANSWER, stamp, POLL):
         go_on("answered a frame")
         if time.monotonic() > sent + PROBE_INTERVAL:
-            # Its best-effort subscriptions may have missed the one before.
+            # The node's best-effort subscriptions may have missed the one before.
             player.publish(probe)
             sent = time.monotonic()
-    # A probe sent meanwhile is answered as well, before the transect begins.
+    # Wait for the answer to a later probe, too, before the transect begins.
     collector.wait(ANSWER, stamp + 1, 2.0)
 
 
@@ -169,7 +169,7 @@ def play(
         check()
         stamps.append(player.publish(messages))
     collector.wait(ANSWER, stamps[-1], DRAIN_TIMEOUT)
-    # The last frame's other messages come with it, but on topics of their own.
+    # Other messages of the last frame arrive on their own topics.
     time.sleep(2 * POLL)
     check()
     return [collector.answer(stamp) for stamp in stamps]
@@ -179,13 +179,13 @@ def play(
 def open_link(
     domain: int, played: Mapping[str, str], collected: Mapping[str, str]
 ) -> Iterator[tuple[Player, Collector]]:
-    """Join a ROS domain with a player and a collector, as long as the context lasts.
+    """Join a ROS domain with a player and a collector while the context lasts.
 
     played, collected: types of message by topic.
-    Yields `player`, player; `collector`, receives in a thread of its own.
+    Yields the player and the collector, which receives in a thread of its own.
     """
     context = rclpy.Context()
-    # The command handles signals: Ctrl-C ends more than ROS.
+    # The command handles signals, since Ctrl-C must end more than ROS.
     rclpy.init(
         args=[], context=context, domain_id=domain,
         signal_handler_options=SignalHandlerOptions.NO,

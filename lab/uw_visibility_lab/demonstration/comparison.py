@@ -47,7 +47,7 @@ Row = Mapping[str, float]
 
 
 class Truth(NamedTuple):
-    """What is kept of a rendered frame; see `RenderedFrame`."""
+    """Parts of a rendered frame for the comparison; see `RenderedFrame`."""
 
     time: float  # from the first frame in s
     left: Image8
@@ -59,7 +59,7 @@ class Truth(NamedTuple):
 
     @classmethod
     def of(cls, time: float, frame: RenderedFrame) -> Truth:
-        """Keep what is compared of a frame."""
+        """Return the parts of a frame for the comparison."""
         return cls(
             time, frame.left, frame.right, frame.attenuation, frame.mean_attenuation, frame.depth,
             frame.disparity_left)
@@ -154,10 +154,10 @@ def _draw_series(path: Path, rows: Sequence[Row]) -> None:
                 linewidth=0.0, label=f"± {factor} σ",
             )
         axes.plot(
-            time, value, "o-", color=OURS, markersize=3.5, linewidth=1.2, label="each frame alone")
+            time, value, "o-", color=OURS, markersize=3.5, linewidth=1.2, label="single frames")
         axes.plot(time, truth, **TRUTH_STYLE)
         axes.set_ylabel(label)
-        # A wild estimate does not set the limits.
+        # Outliers do not set the limits.
         axes.set_ylim(0.0, 2.0 * truth.max())
         axes.grid(alpha=0.25)
         for label, missing, color in (

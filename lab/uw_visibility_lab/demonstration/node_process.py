@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Subprocess of the node, which ends with the demonstration in every case.
 
-Its traffic stays on this machine, apart from other runs, without loss of images.
+Its traffic is limited to this machine, separate from other runs, and loses no images.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from uw_visibility.errors import InputError
 from uw_visibility.ros.start import node_environment
 
 COMMAND = (sys.executable, "-m", "uw_visibility.ros.node")
-# Linux ends the node with the demonstration, also where that is killed and ends nothing itself
-# (PR_SET_PDEATHSIG is 1); it stays so when the node takes the place of this script.
+# Linux ends the node with the demonstration, even if the latter is killed (PR_SET_PDEATHSIG is 1);
+# the setting remains when the node replaces this script.
 _WITH_PARENT = """\
 import ctypes, os, signal, sys
 getattr(ctypes.CDLL(None), 'prctl', lambda *_: 0)(1, signal.SIGTERM)
@@ -33,9 +33,9 @@ LAST_LINES = 15
 PATIENCE = 10.0
 PROFILE = Path(__file__).with_name("fastdds.xml")
 
-# Linux leaves the domains 0 to 101 free of ephemeral ports; 0 is everybody's.
+# On Linux, ports of the domains 0 to 101 are not ephemeral ones; 0 is the default domain.
 DOMAINS = range(1, 100)
-# Ports of a domain begin here (DDSI-RTPS 2.5, 9.6.2.3): the first participant's, UDP.
+# UDP port of the first participant in domain 0, and ports per domain (DDSI-RTPS 2.5, 9.6.2.3).
 FIRST_PORT, PORTS_PER_DOMAIN = 7410, 250
 
 
@@ -44,7 +44,7 @@ class NodeDied(RuntimeError):
 
 
 class NodeProcess:
-    """Subprocess of the node, which logs to the end of a file, for a ``with`` statement."""
+    """Context manager of the node's subprocess, whose output is appended to a file."""
 
     def __init__(self, log: Path, domain: int, command: tuple[str, ...] = COMMAND) -> None:
         self._log, self._domain, self._command = log, domain, command
@@ -55,8 +55,8 @@ class NodeProcess:
             **node_environment(os.environ),
         )
         with self._log.open("ab") as log:
-            # In a session of its own, Ctrl-C in the terminal does not reach the
-            # node: it is ended here, once, whatever ends the demonstration.
+            # In a session of its own, the node does not receive Ctrl-C of the
+            # terminal: `__exit__` ends it, once, in every case.
             self._process = subprocess.Popen(
                 (sys.executable, "-ISc", _WITH_PARENT, str(os.getpid()), *self._command),
                 stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
@@ -66,11 +66,11 @@ class NodeProcess:
 
     @property
     def pid(self) -> int:
-        """Its number among the processes."""
+        """Process id of the node."""
         return self._process.pid
 
     def check(self) -> None:
-        """Raise NodeDied, with the last lines of the log, if the node is no longer there."""
+        """Raise NodeDied, with the last lines of the log, if the node has ended."""
         code = self._process.poll()
         if code is None:
             return
@@ -84,7 +84,7 @@ class NodeProcess:
             return
         try:
             process.send_signal(signal.SIGINT)
-            # One that does not listen is killed below.
+            # A node that does not end in time is killed below.
             with suppress(subprocess.TimeoutExpired):
                 process.wait(PATIENCE)
         finally:
@@ -96,11 +96,11 @@ class NodeProcess:
 @contextmanager
 def reserved_domain() -> Iterator[int]:
     """Reserve a ROS domain that no other run on this machine is in, until the context ends."""
-    # Not all begin with the same one, since between the look and the start is a moment.
+    # Runs begin at different domains, since there is some time between this check and the start.
     first = os.getpid() % len(DOMAINS)
     for domain in (*DOMAINS[first:], *DOMAINS[:first]):
         port = FIRST_PORT + PORTS_PER_DOMAIN * domain
-        # ROS has no use for the port of TCP, and the system frees it however this ends.
+        # The TCP port, which ROS does not use, marks the domain as taken; the system frees it.
         with socket.socket() as mine, socket.socket(type=socket.SOCK_DGRAM) as participant:
             try:
                 mine.bind(("127.0.0.1", port))
@@ -114,7 +114,7 @@ def reserved_domain() -> Iterator[int]:
 
 
 def isolate() -> None:
-    """Set the environment before ROS is started: settings of Fast DDS, and nobody else."""
+    """Set the environment before ROS starts: Fast DDS profile, discovery on this machine only."""
     os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(PROFILE)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ.pop("ROS_STATIC_PEERS", None)

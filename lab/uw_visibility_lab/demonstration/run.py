@@ -39,13 +39,13 @@ Item = TypeVar("Item")
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 STAMPED = {topic: kind for topic, kind in TOPICS.items() if kind != "std_msgs/msg/Float64"}
-"""Type of message by topic, of those that say which frame they are of."""
+"""Type of message by topic, of messages with a stamp."""
 
 TRUTH = "/ground_truth/"
-"""What no vehicle has, among the topics."""
+"""Prefix of topics that a vehicle does not have."""
 
 PICTURES = 4
-"""Frames that are drawn, evenly spread over the transect."""
+"""Number of frames that are drawn, evenly spread over the transect."""
 
 LOG_TITLE = "The node of uw_visibility demo"
 LOG = Products("node.log", (), "not of a demonstration", keys=(LOG_TITLE,))
@@ -101,10 +101,10 @@ def demonstrate(folder: Path, transect: Transect, *, force: bool = False) -> dic
 
 @contextmanager
 def noted_signals() -> Iterator[Check]:
-    """Note signals that ask for the end; the check that it yields raises KeyboardInterrupt.
+    """Record termination signals; the check that it yields raises KeyboardInterrupt after one.
 
-    The compiler and the middleware swallow an exception that a signal's handler raises in a
-    callback of theirs. So the work asks between two frames. A second signal does not wait.
+    The compiler and the middleware swallow exceptions that a signal handler raises in their
+    callbacks. So the check is called between two frames. A second signal raises at once.
     """
     asked = False
 
@@ -134,7 +134,7 @@ def _checked(items: Iterable[Item], name: str, total: int, check: Check) -> Iter
 
 
 def _read(bag: Path) -> tuple[dict[str, str], list[dict[str, bytes]]]:
-    """Return types of the topics that a vehicle has, and their messages, instant by instant."""
+    """Return the types of a vehicle's topics, and their messages, grouped by time."""
     with BagReader(bag) as reader:
         topics = {t: kind for t, kind in reader.topics.items() if not t.startswith(TRUTH)}
         instants = itertools.groupby(reader.messages(topics), key=lambda recorded: recorded.time)

@@ -10,8 +10,8 @@ import numpy as np
 from uw_visibility.images.arrays import Array, DisparityMap, Image8, RangeMap
 from uw_visibility_lab.evaluation.fits import fit_backscatter
 
-# Settings of OpenCV's sample stereo_match, in full mode, but for the range of
-# speckles, which is that of OpenCV's documentation.
+# Settings of OpenCV's sample stereo_match, in full mode, except the range of
+# speckles, which is from OpenCV's documentation.
 BLOCK_SIZE = 3
 UNIQUENESS_RATIO = 10
 SPECKLE_WINDOW = 100
@@ -78,7 +78,7 @@ def equalise_adaptively(image: Image8) -> Image8:
 
 
 def balance_by_grey_world(image: Image8) -> Image8:
-    """Grey world: channels of an (H, W, 3) image scaled so that their means are alike.
+    """Grey world: scale the channels of an (H, W, 3) image to equal means.
 
     Buchsbaum 1980, doi:10.1016/0016-0032(80)90058-7.
     """
@@ -87,10 +87,10 @@ def balance_by_grey_world(image: Image8) -> Image8:
 
 
 def sea_thru(image: Image8, ranges: RangeMap) -> Image8:
-    """Sea-thru's backscatter taken off, its β made up for, then grey world.
+    """Subtract Sea-thru's backscatter, compensate for its β, and apply grey world.
 
-    Of the publication's two attenuations that of the backscatter serves for both. Where the
-    range (m) is unknown, or the fit fails, the image stays. See `fit_backscatter`.
+    The publication has another β for the direct light; here that of the backscatter is used for
+    both. Pixels of unknown range (m), and images whose fit fails, stay. See `fit_backscatter`.
     """
     water = fit_backscatter(image, ranges)
     if not np.isfinite(water.attenuation).all():
@@ -100,7 +100,7 @@ def sea_thru(image: Image8, ranges: RangeMap) -> Image8:
     known = np.isfinite(ranges)
     restored = image.astype(np.float64)
     restored[known] = ((image - veil) / transmitted)[known]
-    # Of the pixels that have a range, as colours of open water are not the scene's.
+    # Means are of the pixels with a range, since open water does not have the scene's colours.
     means = np.maximum(restored[known].mean(axis=0), 1.0)
     restored[known] *= means.mean() / means
     return _codes(restored)

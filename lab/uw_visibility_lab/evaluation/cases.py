@@ -1,10 +1,10 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""One case: a scene in one water, by the pipeline, by peers, and by the oracle.
+"""One case: a scene in one water, by the pipeline, by OpenCV's methods, and by the oracle.
 
-A case is one point of section III of the paper. On the same 8-bit pixels stand side
-by side: the degraded input, OpenCV's peers, the pipeline, and the oracle, which
-restores with the true water and range.
+A case is one point of section III of the paper. All methods process the same 8-bit
+pixels, which are compared, too, as the degraded input. The oracle restores with the
+true water and range.
 """
 
 from __future__ import annotations
@@ -68,20 +68,19 @@ IMAGES = {
     "final": "ours after step 2",
     "oracle": "oracle",
 }
-"""Images that are held against the scene in air, by their names in tables."""
-
+"""Images that are compared with the scene in air, by their names in tables."""
 
 THUMBNAIL_WIDTH = 240
 
 
 @dataclass(frozen=True)
 class Case:
-    """A scene and the water to put it in."""
+    """A scene and its water."""
 
     source: SceneSource  # the scene
     mean_attenuation: float  # α, 1/m
     depth: float  # z, m
-    pictures: bool = False  # whether images and observations are wanted too, for figures
+    pictures: bool = False  # whether to return images and envelopes, too, for figures
     noise: str = QUIET  # noise of the sensor, see `sensor_of`
     thumbnails: bool = False
 
@@ -91,10 +90,10 @@ class Pictures:
     """Images and envelopes of a case, for figures 3, 5 and 9."""
 
     radiance: Image8  # (H, W, 3); the scene in air
-    images: dict[str, Image8]  # those of `IMAGES`; ours are absent where the pair was refused
+    images: dict[str, Image8]  # those of `IMAGES`; without ours if the pair was refused
     range: Map  # (H, W); true range, m; NaN where unknown
-    envelope: Envelopes | None  # what the estimate of step 2 rests on
-    # ours, of the pair as it is and improved, px; absent where the pair was refused
+    envelope: Envelopes | None  # observations of the estimate of step 2
+    # ours, of the raw and of the enhanced pair, px; empty if the pair was refused
     disparities: dict[str, Map]
 
 
@@ -116,11 +115,11 @@ class CaseResult:
     wrong: dict[str, float]
     # mean ΔE*ab over the image, by the names of `IMAGES`; NaN where refused
     colour_difference: dict[str, float]
-    pictures: Pictures | None = None  # where the case asked for them
+    pictures: Pictures | None = None  # if the case asks for them
     noise: str = QUIET  # noise of the sensor
-    # counts of `metrics.reliability` of our confidence; None where the pair was refused
+    # counts of `metrics.reliability` of our confidence; None if the pair was refused
     reliability: Array | None = None
-    # small images under water and enhanced, where the case asked for them
+    # small images under water and enhanced, if the case asks for them
     thumbnails: dict[str, Image8] = field(default_factory=dict)
 
     def row(self) -> dict[str, Any]:
@@ -136,7 +135,7 @@ class CaseResult:
 def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
     """Simulate a scene under water and measure everything that the experiments need.
 
-    Where `stereo.max_disparity` is 0, all matchers search up to the scene's `search_limit`.
+    If `stereo.max_disparity` is 0, all matchers search up to the scene's `search_limit`.
     """
     scene, (pipeline, assessor) = case.source.load(), _prepared(case.source, config)
     config, kappa = pipeline.config, assessor.clear_water_attenuation
@@ -182,7 +181,7 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
     try:
         result = pipeline.process(left, right, match_original=True)
     except InputError as error:
-        # A pair that the pipeline refuses is a result too.
+        # A pair that the pipeline refuses is a result, too.
         refusal = f"pair refused: {error}"
         readings |= dict.fromkeys(
             ("step1", "pipeline", "paper_pipeline"), Reading.refused(refusal))
@@ -223,7 +222,7 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
 
 @lru_cache(maxsize=1)
 def _prepared(source: SceneSource, config: PipelineConfig) -> tuple[Pipeline, Assessor]:
-    """Return the pipeline that serves all cases of a scene, and what assesses other estimates."""
+    """Return the pipeline for all cases of a scene, and the assessor for other estimates."""
     scene = source.load()
     largest = config.stereo.max_disparity or search_limit(scene) - 1
     stereo = replace(config.stereo, max_disparity=largest)
@@ -276,7 +275,7 @@ def match_with_truth(
 
 
 def _oracle(image: Image8, range_map: Map, truth: Truth) -> Image8:
-    """Restore an image with the true water and range, without limit of the gain (eq. 8)."""
+    """Restore an image with the true water and range, without a limit of the gain (eq. 8)."""
     light = np.array(truth.ambient_light)
     gain = contrast_gain(np.array(truth.attenuation), range_map[..., np.newaxis])
     irradiance = to_linear(image, "linear").astype(np.float64)

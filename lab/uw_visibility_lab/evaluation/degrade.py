@@ -25,7 +25,7 @@ FULL_SIZE_FOCAL_LENGTH = 3740.0
 BASELINE = 0.160
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm")
 QUIET, CAMERA = "0", "camera"
-"""Names of no noise, and of the shot and read noise of a small camera, that of `Sensor`."""
+"""Names of no noise, and of the shot and read noise of a small camera, see `Sensor`."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +35,7 @@ class Scene:
     name: str  # name of its folder
     left: Image8  # left, right: (H, W, 3); the images, RGB, taken as normalised radiance
     right: Image8
-    # disparity_left, disparity_right: (H, W); true disparity of either view, px; NaN where it is
-    # not known
+    # disparity_left, disparity_right: (H, W); true disparity of each view, px; NaN if unknown
     disparity_left: DisparityMap
     disparity_right: DisparityMap
     # geometry of the pair; the principal point is the centre of the image, in both views
@@ -54,7 +53,7 @@ class Scene:
         clear_water_attenuation: ArrayLike,
         sensor: Sensor = NOISELESS,
     ) -> tuple[Image8, Image8]:
-        """Return the pair as a camera below water sees it; see `degrade`."""
+        """Return the pair as seen under water; see `degrade`."""
         left, right = (
             degrade(
                 image, self.rig.range_from_disparity(fill_from_background(disparity)),
@@ -68,10 +67,10 @@ class Scene:
 
 
 def load_scene(folder: str | Path) -> Scene:
-    """Load a scene of the Middlebury 2005 or 2006 form.
+    """Load a scene in the form of Middlebury 2005 or 2006.
 
     ``view1`` and ``view5`` are the left and the right image, ``disp1.png`` and ``disp5.png``
-    their disparities, 0 where unknown. The width of the image tells the size of the scene, see
+    their disparities, 0 where unknown. The scale follows from the image's width, see
     `size_divisor`. Without ``disp5.png`` the left disparity is warped to the right.
     """
     folder = Path(folder)
@@ -84,7 +83,7 @@ def load_scene(folder: str | Path) -> Scene:
     else:
         disparity_right = warp_to_right(disparity_left)
     if not right.shape[:2] == disparity_left.shape == disparity_right.shape == (height, width):
-        raise InputError(f"scene {folder} has images and disparities of different size")
+        raise InputError(f"scene {folder} has files of different size: give all in one size")
     return Scene(
         name=folder.name,
         left=left,
@@ -97,7 +96,7 @@ def load_scene(folder: str | Path) -> Scene:
 
 
 def size_divisor(width: int) -> int:
-    """Return by what a scene is smaller than full size, told by its width in px.
+    """Return the factor by which a scene is smaller than full size, by its width in px.
 
     Below 500 px it is 3, below 800 px 2, else 1.
     """
@@ -155,7 +154,7 @@ def fill_from_background(disparity: DisparityMap) -> DisparityMap:
 
 
 def warp_to_right(disparity_left: DisparityMap) -> DisparityMap:
-    """Warp the left disparity, px, to the right view; the nearer surface wins, NaN = nothing."""
+    """Warp the left disparity, px, to the right view; the nearer surface wins; NaN = none."""
     height, width = disparity_left.shape
     row, column = np.nonzero(np.isfinite(disparity_left))
     value = disparity_left[row, column]
@@ -191,7 +190,7 @@ def sensor_of(noise: str) -> Sensor:
 
 
 def title_of(noise: str) -> str:
-    """Return how tables and figures name a noise."""
+    """Return the name of a noise in tables and figures."""
     if noise == CAMERA:
         return "shot and read noise"
     return "no noise" if noise == QUIET else f"noise of {noise} codes"

@@ -26,14 +26,14 @@ from uw_visibility_lab.simulation.camera import NOISELESS
 
 ATTENUATIONS = (0.0, 0.1, 0.2, 0.3)
 DEPTHS = (1.0, 2.0, 5.0)
-# What section III and its figures show.
+# Values of section III and its figures.
 PAPER_ATTENUATIONS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3)
 PAPER_DEPTHS = (0.0, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)
 # Figures 3, 7 and 9 show the water that is nearest to these: the paper's Fig. 7 has
 # a mean attenuation of 0.2 1/m, its Fig. 6 a depth of 2 m.
 SHOWN_ATTENUATION = 0.2
 SHOWN_DEPTH = 2.0
-# Range of what section III and IV look into; it also keeps code values above zero.
+# Largest values of a grid, beyond those of sections III and IV.
 LARGEST_ATTENUATION = 5.0
 LARGEST_DEPTH = 100.0
 
@@ -45,11 +45,11 @@ class Plan:
     scenes: Sequence[SceneSource]  # scenes of the grid
     attenuations: tuple[float, ...] = ATTENUATIONS  # α, 1/m, rising
     depths: tuple[float, ...] = DEPTHS  # z, m, rising
-    # parameters of the pipeline, but for its threads. The paper's experiments have the paper's
-    # model: one ambient light that is veil and light at once
+    # parameters of the pipeline, except its threads. By default the paper's model, in which one
+    # ambient light is both the veil and the light on the scene
     config: PipelineConfig = field(
         default_factory=lambda: PipelineConfig.from_parameters({"water.veil": "paper"}))
-    # noises of the sensor beside none, see `sensor_of`; at the depth that figures show
+    # noises of the sensor in addition to none, see `sensor_of`; only at the depth of the figures
     noises: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -64,14 +64,14 @@ class Plan:
 
     @property
     def shown(self) -> tuple[float, float]:
-        """Mean attenuation and depth of the grid that figures show where they show one."""
+        """Mean attenuation and depth of the grid in figures that show one water only."""
         return (
             min(self.attenuations, key=lambda a: abs(a - SHOWN_ATTENUATION)),
             min(self.depths, key=lambda z: abs(z - SHOWN_DEPTH)),
         )
 
     def cases(self) -> list[Case]:
-        """Return the grid, scene by scene; with noise at one depth."""
+        """Return the grid, scene by scene; cases with noise at one depth only."""
         return [
             Case(
                 scene, attenuation, depth, (attenuation, depth, noise) == (*self.shown, QUIET),
@@ -87,7 +87,7 @@ class Plan:
 class Evaluation:
     """Results of an evaluation."""
 
-    plan: Plan  # what was asked for
+    plan: Plan
     cases: list[CaseResult]  # in the order of `Plan.cases`
 
     @property

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Published fits of the water, as peers of the estimate, without priors.
+"""Published fits of the water, without priors, for comparison with our estimate.
 
 The paper's (eq. 4-7): dark envelopes are fitted with E = I∞ (1 − e^(−βd)); I∞ is at least the
 bright envelope. Sea-thru's (D. Akkaynak and T. Treibitz, CVPR 2019, doi
@@ -24,29 +24,29 @@ from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate, overall_status
 
 BINS = 48
-"""Of equal width, of the paper's fit."""
+"""Number of bins of equal width in the paper's fit."""
 DARK_QUANTILE, BRIGHT_QUANTILE = 0.01, 0.99
 FEWEST = 100
-"""Pixels that a bin needs."""
+"""Least number of pixels in a bin."""
 FEWEST_BINS = 6
 LEAST_RATIO = 1.25
-"""Of the farthest range to the nearest one."""
+"""Least ratio of the farthest range to the nearest one."""
 SCALE = 0.01
 """Residuals beyond this irradiance lose weight."""
 BRIGHT_BINS = 3
 """The bright envelope is that of the third brightest bin."""
 BOUNDS = (1e-4, 10.0)
-"""Of β, 1/m."""
+"""Bounds of β, 1/m."""
 LARGEST_LIGHT = 2.0
-"""Above the largest code: open water may be overexposed."""
+"""Largest I∞, above the largest code, since open water may be overexposed."""
 
 DARK_BINS = 10
 DARKEST = 0.01
-"""Share of a bin's pixels that Sea-thru's fit takes, by the sum of R, G and B."""
+"""Share of a bin's pixels that Sea-thru's fit uses, by the sum of R, G and B."""
 FEWEST_DARK, MOST_DARK = 20, 100
-"""Pixels that a bin needs, and those taken of it: more add time, and nothing else."""
+"""Least number of pixels in a bin, and number of those used: more take time without benefit."""
 STARTS = (0.3, 1.0, 3.0)
-"""Optical thickness of the middle range that fits start from; the best one counts."""
+"""Optical thicknesses at the median range from which fits start; the best fit is used."""
 LARGEST = np.array([1.0, 5.0, 1.0, 5.0])
 """Bounds of B, β, J and β', from 0, as in the publication."""
 
@@ -55,10 +55,10 @@ def fit_plain(
     image: NDArray[Any], ranges: NDArray[np.floating], clear_water: Array,
     transfer: str = "linear",
 ) -> WaterEstimate:
-    """Estimate I∞ and β of each channel as the paper does, with the fit's own covariance.
+    """Estimate I∞ and β of each channel by the paper's fit, with the fit's covariance.
 
     image: (H, W, 3), code values. ranges: (H, W), m, along the line of sight; NaN where unknown.
-    clear_water: κ, (3,), 1/m, from which β starts.
+    clear_water: κ, (3,), 1/m, the first value of β.
     """
     distance, light = _seen(image, ranges, transfer)
     if distance.size < FEWEST * FEWEST_BINS:
@@ -82,7 +82,7 @@ def fit_plain(
 def fit_backscatter(
     image: NDArray[Any], ranges: NDArray[np.floating], transfer: str = "linear"
 ) -> WaterEstimate:
-    """Estimate B (as ambient light) and β of each channel as Sea-thru does; see `fit_plain`."""
+    """Estimate B (as ambient light) and β of each channel by Sea-thru's fit; see `fit_plain`."""
     distance, light = _seen(image, ranges, transfer)
     if distance.size < FEWEST_DARK * DARK_BINS:
         return WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
@@ -105,7 +105,7 @@ def fit_backscatter(
 def _seen(
     image: NDArray[Any], ranges: NDArray[np.floating], transfer: str
 ) -> tuple[Array, Map]:
-    """Return range, (n,), and light, (n, 3), of the pixels whose range is known."""
+    """Return range, (n,), and light, (n, 3), of the pixels with known range."""
     known = np.isfinite(ranges)
     return ranges[known].astype(np.float64), to_linear(image, transfer)[known]
 
@@ -113,10 +113,10 @@ def _seen(
 def _bins(
     distance: Array, low: float, high: float, count: int, fewest: int
 ) -> Iterator[NDArray[np.intp]]:
-    """Yield the indices of the pixels of each bin of equal width that has enough."""
+    """Yield the pixels' indices of each bin of equal width with at least `fewest` pixels."""
     edges = np.linspace(low, high, count + 1)
     place = np.searchsorted(edges, distance, side="right") - 1
-    # The last bin has the farthest pixel.
+    # The last bin includes the farthest pixel.
     place[distance == high] = count - 1
     for k in range(count):
         inside = np.flatnonzero(place == k)
@@ -125,7 +125,7 @@ def _bins(
 
 
 def _fit_veil(distance: Array, dark: Array, bright: Array, start: float) -> OptimizeResult:
-    """Fit β and I∞ of a channel by a soft L1 loss."""
+    """Fit β and I∞ of a channel with a soft L1 loss."""
     def residual(p: Array) -> Array:
         return np.asarray(veil_of(p[1], transmission(p[0], distance)) - dark)
 
@@ -159,7 +159,7 @@ def _fit_backscatter(distance: Array, light: Array) -> OptimizeResult:
 def _estimate(
     fits: Sequence[OptimizeResult], found: Sequence[bool], places: tuple[int, int], bins: int
 ) -> WaterEstimate:
-    """Return the estimate of three channels; places of β and of the veil among their parameters."""
+    """Return the estimate of three channels; `places`: of β and the veil in the parameters."""
     values, covariance = np.full((3, 2), np.nan), np.full((6, 6), np.nan)
     for c, fit in enumerate(fits):
         if found[c]:

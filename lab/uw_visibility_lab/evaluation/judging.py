@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""One table for any estimator of water: what it tells, how far off it is, how well it knows."""
+"""One table for any estimator of water: how often it reports, its errors, its calibration."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.status import Status
 from uw_visibility_lab.evaluation.tables import number
 
-# A distance that is longer than the true one by this factor is too long, and so for too short.
+# Ratio to the true distance beyond which a distance is too long; too short by its inverse.
 FACTOR = 1.2
-# A told distance whose 16 and 84 % differ by more than this factor counts as not told.
+# Largest ratio of the 84 % to the 16 % quantile of a distance; with more it counts as not told.
 WIDEST_INTERVAL = 2.5
-# Contrast that an observer distinguishes (eq. 11).
+# Contrast threshold of an observer (eq. 11).
 CONTRAST = 0.05
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What an estimator says of a case."""
+    """An estimator's answer to a case."""
 
-    status: str  # ``"ok"`` or why not
-    # log_attenuation, stddev: (3,); mean and standard deviation of ln β; NaN where not told
+    status: str  # ``"ok"`` or the reason for no distance
+    # log_attenuation, stddev: (3,); mean and standard deviation of ln β; NaN if not estimated
     log_attenuation: Array
     stddev: Array
-    # log_distance, distance_stddev: of the logarithm of the visibility distance but for a
-    # constant: −ln min β
+    # log_distance, distance_stddev: mean and standard deviation of the logarithm of the
+    # visibility distance, up to a constant: −ln min β
     log_distance: float = math.nan
     distance_stddev: float = math.nan
 
     @property
     def told(self) -> bool:
-        """Whether a distance is told that is known to `WIDEST_INTERVAL`."""
+        """Whether there is a distance, and its interval is at most `WIDEST_INTERVAL`."""
         return (
             self.status == Status.OK.value and math.isfinite(self.log_distance)
             and 2.0 * self.distance_stddev <= math.log(WIDEST_INTERVAL))
@@ -48,18 +48,18 @@ class Answer:
 
 @dataclass(frozen=True)
 class Row:
-    """The table's row of one kind of cases; parts are of those told, 0..1."""
+    """The table's row of one kind of cases; parts, 0..1, are of the cases that are told."""
 
     cases: int  # number
-    told: float  # part with a distance
-    # error, distance_error: root mean square of the error of ln β (all channels told) and of ln
-    # distance
+    told: float  # part of all cases, see `Answer.told`
+    # error, distance_error: root mean square of the error of ln β (all estimated channels) and of
+    # ln distance
     error: float
     distance_error: float
-    score: float  # root mean square of the distance's error over its told deviation: 1 is right
+    score: float  # root mean square of the distance's error over its deviation: 1 is calibrated
     within: tuple[float, float, float]  # part of the distances within 1, 2, 3 deviations
     beyond: float  # part of the cases with any β or the distance beyond 3 deviations
-    too_long: float  # too_long, too_short: part by more than a fifth
+    too_long: float  # too_long, too_short: part of the distances, see `FACTOR`
     too_short: float
     low_above: float  # part of the intervals (16 to 84 %) whose lower end is above the truth
     crps: float  # mean continuous ranked probability score of ln distance
@@ -68,27 +68,27 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """An estimator's answer to a case, beside the truth."""
+    """An estimator's answer to a case, and the truth."""
 
     scene: str  # the case's name
     answer: Answer
     attenuation: Array  # (3,); true β, 1/m
-    milliseconds: float  # that the estimator took
+    milliseconds: float  # time of the estimator
 
     @property
     def off(self) -> Array:
-        """(3,): errors of ln β, NaN where not told."""
+        """Errors of ln β, (3,); NaN if not estimated."""
         return np.asarray(self.answer.log_attenuation - np.log(self.attenuation))
 
     @property
     def clearest(self) -> float:
-        """True β of the channel that sees farthest, of those that are told if any is."""
+        """True β of the clearest channel, of the estimated ones if there are any."""
         told = np.isfinite(self.answer.log_attenuation)
         return float(self.attenuation[told | ~told.any()].min())
 
     @property
     def far(self) -> float:
-        """Error of ln distance; NaN where not told."""
+        """Error of ln distance; NaN if not estimated."""
         return self.answer.log_distance + math.log(self.clearest)
 
     @property
@@ -150,7 +150,7 @@ def line_of(name: str, row: Row) -> str:
 
 
 def rms(values: Array) -> float:
-    """Return the root mean square; NaN of nothing."""
+    """Return the root mean square; NaN without values."""
     return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Metrics of colours, disparities and estimates against the truth."""
+"""Metrics of colours, disparities and confidence against the truth."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from uw_visibility.images.arrays import Array, DisparityMap, Map
 from uw_visibility.optics.transfer import to_linear
 
 BINS = 10
-"""Of confidence, from 0 to 1."""
+"""Number of bins of confidence, from 0 to 1."""
 
 
 def lab(image: NDArray[np.generic]) -> Map:
     """Convert RGB, (H, W, 3), to CIE 1976 L*a*b*; sRGB's primaries, white is D65 and has L* = 100.
 
-    Code values are shown on a display as they are, which is how colour differences of pictures
-    are usually given; float32 is linear, 0..1.
+    Code values are taken as sRGB, as is usual for colour differences of pictures; float32 is
+    linear, 0..1.
     """
     return np.asarray(cv2.cvtColor(to_linear(image, "srgb"), cv2.COLOR_LRGB2LAB))
 
@@ -32,7 +32,7 @@ def colour_difference(first: NDArray[np.generic], second: NDArray[np.generic]) -
 
 
 def matched_fraction(disparity: DisparityMap) -> float:
-    """Share of all pixels that have a disparity; what is missing to 1 is unmatched."""
+    """Share of all pixels that have a disparity; the others are unmatched."""
     return float(np.isfinite(disparity).mean())
 
 
@@ -57,8 +57,8 @@ def reliability(
 ) -> Array:
     """Count the pixels with matched and true disparity, px, by confidence (0 .. 1).
 
-    Returns (3, BINS): their number, the sum of their confidence, and those that are right. Counts
-    of several pairs add up; see `reliability_rows`.
+    Returns (3, BINS): their number, the sum of their confidence, and the number of right ones.
+    Counts of several pairs can be added; see `reliability_rows`.
     """
     counted = np.isfinite(disparity) & np.isfinite(truth)
     rated = confidence[counted].astype(np.float64)
@@ -68,10 +68,10 @@ def reliability(
 
 
 def reliability_rows(counts: Array) -> list[dict[str, float]]:
-    """Return a row for each bin with pixels: mean confidence, right share, part of all.
+    """Return a row for each bin with pixels: mean confidence, share of right ones, part of all.
 
-    Where confidence and the share of right disparities agree in every bin, confidence is
-    calibrated (Murphy and Winkler, 1977, doi:10.2307/2346866).
+    Confidence is calibrated if it equals the share of right disparities in every bin (Murphy and
+    Winkler, 1977, doi:10.2307/2346866).
     """
     return [
         {"confidence": rated / pixels, "right": right / pixels, "part": pixels / counts[0].sum()}
@@ -80,6 +80,6 @@ def reliability_rows(counts: Array) -> list[dict[str, float]]:
 
 
 def expected_error(rows: Sequence[Mapping[str, float]]) -> float:
-    """Mean difference of confidence and right share over the pixels; NaN without any."""
+    """Mean absolute difference of confidence and right share over pixels; NaN without any."""
     differences = [row["part"] * abs(row["confidence"] - row["right"]) for row in rows]
     return sum(differences) if rows else np.nan

@@ -14,7 +14,7 @@ from uw_visibility.compute.processes import process_pool
 from uw_visibility.compute.threads import number_of_threads
 
 Progress = Callable[[Iterator[Any], int], Iterator[Any]]
-"""Takes an iterator over what is done and its length, and yields from it."""
+"""Takes an iterator over results and their number, and yields the results."""
 
 
 def run_all(
@@ -26,7 +26,7 @@ def run_all(
 ) -> list[Any]:
     """Apply a function to pieces of work; the result is the same for any number of jobs.
 
-    function: takes a piece and the arguments; of a module, so that processes can find it.
+    function: takes a piece and the arguments; defined in a module, so that it can be pickled.
     """
     each = [pieces, *(repeat(argument) for argument in arguments)]
     if jobs == 1:
@@ -36,5 +36,5 @@ def run_all(
 
 
 def threads_each(jobs: int) -> int:
-    """Return the threads of each of so many processes, which together have those there are."""
+    """Return the number of threads of each of so many processes that share the processors."""
     return max(1, number_of_threads(0) // jobs)

@@ -1,11 +1,11 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Fit what the check of a depth sensor believes of the camera.
+"""Fit the camera's error model in the check of a depth sensor.
 
-Renders twelve transects of 240 frames, which takes twenty minutes of computing, fits
-`uw_visibility.plausibility.model.CAMERA` to nine of them by maximum likelihood, and prints it with
-its likelihood over these and over the three others, which have another way, beside that of the
-package's constants.
+Renders twelve transects of 240 frames, which takes twenty minutes of computing, and fits
+`uw_visibility.plausibility.model.CAMERA` to nine of them by maximum likelihood. Prints it, and its
+likelihood and that of the package's constants, over these nine and over the three others, which
+have another path.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ MAX_DISPARITY = 48
 STEREO = StereoCamera(240, 180, 225.0, 0.12)
 """Small: depth comes from averages, and a transect takes two minutes on one core."""
 COOL = CameraEffects(white_balance=(0.65, 1.0, 0.9))
-"""A balance that the estimate is not told of, which shifts all its depths."""
+"""An undeclared white balance, which shifts all estimated depths."""
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What a frame tells of depth, and the truth."""
+    """Depth estimated from a frame, and the truth."""
 
     time: float  # from the start, s
     truth: float  # true depth, m
-    depth: float  # estimated, m; NaN where it is not told
+    depth: float  # estimated, m; NaN without an estimate
     stddev: float  # standard deviation of `depth`, m
-    precision: float  # standard deviation of what of `depth` differs between frames, m
+    precision: float  # standard deviation of the part of its error that differs by frame, m
 
 
 Series = list[Seen]
@@ -78,7 +78,7 @@ FITTED: dict[str, Transect] = {
         22, (8.0, 3.0), (0.05, 0.15), water_effects=WaterEffects(water_type="IB"),
         camera_effects=COOL),
 }
-"""Transects that the model's constants are fitted to, by way and water."""
+"""Transects to which the model's constants are fitted, by path and water."""
 
 LEFT_OUT: dict[str, Transect] = {
     "3 grey, 2 to 6 m": _plan(21, (2.0, 6.0), (0.05, 0.3)),
@@ -86,30 +86,30 @@ LEFT_OUT: dict[str, Transect] = {
         21, (3.0, 6.0), (0.1, 0.2), water_effects=WaterEffects(water_type="1C")),
     "3 grey, 5 to 7 m, white balance": _plan(21, (5.0, 7.0), (0.1, 0.25), camera_effects=COOL),
 }
-"""Transects left out of the fit: other ways, other waters."""
+"""Transects left out of the fit: another path, other waters."""
 
 
 def render_series(transect: Transect, workers: Workers | None = None) -> Series:
-    """Render a transect, and return what the pipeline tells of each frame's depth."""
+    """Render a transect, and return the depths that the pipeline estimates from its frames."""
     config = PipelineConfig.from_parameters({"stereo.max_disparity": MAX_DISPARITY, "threads": 1})
     pipeline = Pipeline(transect.camera.rig, config)
     series = []
     for time, frame in transect.render(workers):
-        told = pipeline.process(frame.left, frame.right, enhance=()).visibility
+        found = pipeline.process(frame.left, frame.right, enhance=()).visibility
         series.append(
-            Seen(time, frame.depth, told.depth, told.depth_stddev, told.depth_precision))
+            Seen(time, frame.depth, found.depth, found.depth_stddev, found.depth_precision))
     return series
 
 
 STEPS = 30
-"""Steps at most, of a dozen evaluations each: a minute of computing for nine transects."""
+"""Largest number of steps, of a dozen evaluations each: a minute for nine transects."""
 DIFFERENCE = 1e-3
-"""Of logarithms, by which gradients are taken."""
+"""Difference of logarithms for numerical gradients."""
 LARGEST = 9.0
-"""Magnitude of a logarithm at most: beyond, nothing changes and numbers overflow."""
+"""Largest magnitude of a logarithm: beyond, nothing changes and numbers overflow."""
 TIMES = {"fast_time": (1.0, 10.0), "slow_time": (20.0, 200.0)}
-"""Bounds of correlation times, s: from that of frames which are taken, which noise has, to that of
-a dive, which a constant has; the two apart."""
+"""Bounds of correlation times, s: between the period of the frames, as for white noise, and the
+length of a dive, as for a constant; the two do not overlap."""
 START = Camera(
     constant=1.0, slope=1.0, fast=0.5, fast_time=3.0, slow=0.15, slow_time=100.0,
     bursts=0.05, burst=4.0, outliers=0.1, outlier=2.0, spread=2.0)
@@ -121,7 +121,7 @@ def log_likelihood(camera: Camera, series: Iterable[Series]) -> float:
 
 
 def fit(series: Sequence[Series], start: Camera = START, steps: int = STEPS) -> Camera:
-    """Return the constants under which the innovations of exact sensors are likeliest.
+    """Return the constants of greatest likelihood of the innovations of exact sensors.
 
     The search is quasi-Newton in logarithms (L-BFGS-B, doi:10.1145/279232.279236).
     """
@@ -156,7 +156,7 @@ def _of_series(camera: Camera, series: Series) -> float:
 
 
 def _to_numbers(camera: Camera) -> Array:
-    """Return constants without bounds: logarithms, and the share's log odds."""
+    """Return unbounded constants: logarithms, and the log odds of the share of outliers."""
     values = camera._replace(spread=camera.spread - 1.0)
     return np.array([
         logit(value) if name == "outliers" else math.log(value)
@@ -190,7 +190,7 @@ def main() -> None:
 
 
 def rounded(camera: Camera) -> Camera:
-    """Return constants with two digits: more would say more than the series do."""
+    """Round constants to two digits: the series do not determine more."""
     return Camera(*(float(f"{value:.2g}") for value in camera))
 
 

@@ -86,9 +86,9 @@ class Reading:
 
 
 def judged(truth: Truth, reading: Reading) -> Judged:
-    """Return a reading beside its truth, as the table of estimators has it."""
+    """Return a reading and its truth, for the table of estimators."""
     attenuation = np.array(reading.attenuation)
-    # Visibility of water that takes 1/m, at the contrast of both.
+    # Visibility distance at an attenuation of 1/m and the truth's contrast.
     metres = truth.distance * min(truth.attenuation)
     return Judged("", Answer(
         reading.distance_status, np.log(attenuation), reading.attenuation_stddev / attenuation,
@@ -97,12 +97,12 @@ def judged(truth: Truth, reading: Reading) -> Judged:
 
 
 def reasons_text(title: str, readings: Iterable[Reading]) -> list[str]:
-    """Tell why a distance was refused how often, in one line; none where none was."""
+    """Return the counts of the reasons for refusals in one line; no line without refusals."""
     counts = Counter(each.distance_status for each in readings)
-    # The advice after a reason is in the tables.
-    told = "; ".join(
+    # Without the advice after a reason, which is in the tables.
+    reasons = "; ".join(
         f"{reason.split(' (')[0]}: {n}" for reason, n in counts.most_common() if reason != OK)
-    return [f"  {title}: {told}"] if told else []
+    return [f"  {title}: {reasons}"] if reasons else []
 
 
 def triple(values: ArrayLike) -> Triple:

@@ -26,7 +26,7 @@ from uw_visibility_lab.evaluation.tables import (
 )
 
 Summary = dict[str, Any]
-# The paper's Fig. 6 has 0.92 and 0.72 unmatched at most by a conventional matcher, 0.23 by its own.
+# Largest unmatched fractions in the paper's Fig. 6: 0.92 and 0.72 (conventional), 0.23 (its own).
 SHARES = ("matched", "correct", "wrong")
 """Of all pixels, of those with known truth, and of the matched ones with known truth."""
 
@@ -38,18 +38,18 @@ CONDITIONS = (
     ("wrong among matched", "wrong", 3),
     ("ΔE*ab", "colour_difference", 1),
 )
-"""Tables of each water and noise: title, what of `means`, decimals."""
+"""Tables by water and noise: title, key of `means`, decimals."""
 
 
 def summarise(evaluation: Evaluation) -> Summary:
-    """Reduce an evaluation to its summary; all but ``conditions`` is of cases without noise.
+    """Reduce an evaluation to its summary; all but ``conditions`` is over cases without noise.
 
     Returns: ``water``: `judging.Row` by the names of `READINGS`; `means` over all cases, and
         ``conditions``: for each noise and water.
     """
     cases = evaluation.quiet
     conditions = grouped(evaluation.cases, lambda c: (
-        # Without the rounding of what was added to clear water's and taken off again.
+        # Without the rounding errors of adding and subtracting clear water's attenuation.
         c.noise, round(c.truth.mean_attenuation, 9), c.truth.depth))
     return {
         "cases": len(cases),
@@ -79,13 +79,13 @@ def means(cases: Sequence[CaseResult]) -> Summary:
 
 
 def mean(values: Iterable[float]) -> float:
-    """Return the mean of those that are known; NaN of none."""
+    """Return the mean of the finite values; NaN without any."""
     known = [value for value in values if math.isfinite(value)]
     return float(np.mean(known)) if known else math.nan
 
 
 def write_evaluation(folder: Path, evaluation: Evaluation, summary: Summary) -> None:
-    """Write the tables of an evaluation as CSV, and those of cases in ``evaluation.json``."""
+    """Write the tables of an evaluation as CSV, and all of it in ``evaluation.json``."""
     in_json = {
         "cases": [case.row() for case in evaluation.cases],
         "reliability": [

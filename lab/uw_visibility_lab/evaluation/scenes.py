@@ -21,22 +21,22 @@ from uw_visibility_lab.simulation.scene import reef
 from uw_visibility_lab.simulation.water import Water
 
 RENDERED_SEEDS = (0, 1, 2)
-"""Reefs that are rendered where no dataset is given."""
+"""Seeds of the reefs that are rendered if no dataset is given."""
 
 FULL_SIZE_WIDTH = 1000
 """Beyond this width, px, a disparity is correct within 2 px instead of 1."""
 
-# A view down onto the reef, without open water that no recorded scene has either.
+# A view down onto the reef, without open water, as in recorded scenes.
 ALTITUDE = 1.6
 TILT = np.radians(30.0)
 
 
 @dataclass(frozen=True)
 class SceneSource:
-    """A scene by where it comes from; small, so that processes can exchange it."""
+    """Source of a scene; small, so that processes can exchange it."""
 
     folder: Path | None = None  # folder of a Middlebury-like scene
-    seed: int = 0  # seed of the rendered scene, where there is no folder
+    seed: int = 0  # seed of the rendered scene, if there is no folder
 
     def load(self) -> Scene:
         """Load or render the scene; the last one is kept."""
@@ -49,9 +49,9 @@ def _load(source: SceneSource) -> Scene:
 
 
 def find_scenes(datasets: Sequence[Path]) -> list[SceneSource]:
-    """Find the scenes of datasets, each a scene's folder or a folder of such, by name.
+    """Find the scenes of datasets: folders of a scene, or of scenes, which are sorted by name.
 
-    Without any, the scenes are rendered.
+    Without datasets, the scenes are rendered.
     """
     if not datasets:
         return [SceneSource(seed=seed) for seed in RENDERED_SEEDS]
@@ -92,14 +92,14 @@ def _scene_folders(dataset: Path) -> list[Path]:
 
 
 def _is_scene(folder: Path) -> bool:
-    """Tell whether a folder is meant as a scene; what is missing in it is told on loading."""
+    """Tell whether a folder is meant as a scene; missing files are reported on loading."""
     return any((folder / f"view1{suffix}").is_file() for suffix in IMAGE_SUFFIXES)
 
 
 def render_scene(seed: int, camera: StereoCamera | None = None) -> Scene:
     """Render a reef in air, with its exact disparity; 640 by 480 px without a camera.
 
-    Disparity is NaN in open water, whose radiance is 1: at any range it is seen as ambient light.
+    Disparity is NaN in open water, whose radiance is 1: it shows ambient light at any range.
     """
     camera = camera or StereoCamera()
     frame = Renderer(camera, sensor=NOISELESS, workers=Workers(1)).render(

@@ -1,8 +1,8 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Survey of the floor under lamps: water after many frames, and the colour of the same ground.
+"""Survey of the sea floor under lamps: water after many frames, and colours of the same ground.
 
-The camera looks down and goes to and fro over the same ground.
+The camera looks down and moves back and forth over the same ground.
 """
 
 from __future__ import annotations
@@ -36,37 +36,37 @@ from uw_visibility_lab.simulation.water import Water
 CAMERA = StereoCamera(320, 240, 300.0, 0.12)
 ALTITUDES = (1.5, 3.0)
 LENGTH = 3.0
-"""Length of the lines that the vehicle goes to and fro, m."""
+"""Length of the survey's lines, m."""
 
 LINES = 4
 PERIOD = 17.0
-"""Frames in which it rises and sinks once: not a part of a line, so that ground is seen from
-several altitudes at the same place of the image, and at several places from the same one."""
+"""Period of the changes of altitude, in frames. A line is no multiple of it: ground is seen from
+several altitudes at one place of the image, and at several places from one altitude."""
 
 FRAMES, FEWEST_FRAMES = 100, 5
 
 PICTURES = {
     "raw": "as recorded",
-    "online": "ours, by frames before",
-    "ours": "ours, by all frames",
+    "online": "ours, earlier frames",
+    "ours": "ours, all frames",
     "oracle": "lamps, water, ranges known",
     "truth": "reflectance",
 }
-"""Pictures of a survey, by the names in tables; the last one is the truth. The oracle takes
-every surface for facing the lamps, as the light model has it."""
+"""Pictures of a survey, by the names in tables; the last one is the truth. The oracle assumes
+that every surface faces the lamps."""
 
 NEAREST = 0.7
-"""Range in m that disparities are searched to."""
+"""Least range that is searched for matches, m."""
 
 BLOCK = 16
 """Width of a piece of ground in an image, px."""
 
 DARK = 0.05
-"""Reflectance below which a piece is not counted: its relative variation says little."""
+"""Least reflectance of a piece that is counted: relative variations of darker ones are noise."""
 
 LAMPS = 2
 DEPTH = 40.0
-"""Depth of the camera, m: no daylight is left there, so that none is missing in the frames."""
+"""Depth of the camera, m: so deep that there is no daylight, as in the frames."""
 
 MEAN_ATTENUATION = 0.15
 """Attenuation by grey particles, 1/m."""
@@ -75,7 +75,7 @@ LIGHTING = Lighting(default_rig(LAMPS), daylight=False)
 
 
 def pose_of(index: int, frames: int) -> Pose:
-    """Return the camera's pose in a frame of so many: to and fro along lines 0.4 m apart."""
+    """Return the camera's pose in a frame of so many: back and forth on lines 0.4 m apart."""
     progress = LINES * index / frames
     line = int(progress)
     along, forth = progress - line, line % 2 == 0
@@ -94,7 +94,7 @@ def pose_of(index: int, frames: int) -> Pose:
 
 
 def render_survey_frame(index: int, frames: int) -> RenderedFrame:
-    """Render one frame of a survey of so many; all have one exposure."""
+    """Render one of so many frames of a survey; all have the same exposure."""
     scene, renderer, exposure = _prepared(CAMERA)
     return renderer.render(
         scene, pose_of(index, frames), Water(MEAN_ATTENUATION, DEPTH, exposure), seed=index)
@@ -102,7 +102,7 @@ def render_survey_frame(index: int, frames: int) -> RenderedFrame:
 
 @lru_cache(maxsize=1)
 def _prepared(camera: StereoCamera) -> tuple[Scene, Renderer, float]:
-    """Return ground, renderer, and the exposure that suits the lowest frame."""
+    """Return ground, renderer, and the exposure for the lowest altitude."""
     scene = reef(length=LENGTH, view=12.0)
     renderer = Renderer(camera, workers=Workers(1), lighting=LIGHTING)
     water = Water(MEAN_ATTENUATION, DEPTH)
@@ -133,9 +133,9 @@ def run_survey(
     number: int, config: PipelineConfig, jobs: int = 1,
     progress: Progress = lambda items, _: items,
 ) -> SurveyResult:
-    """Render a survey of so many frames, process them in turn, and compare the ground's colours.
+    """Render a survey of so many frames, process them in order, and compare the ground's colours.
 
-    config: what the pipeline is told beside the lamps.
+    config: parameters of the pipeline; those of the lamps are added.
     """
     frames = run_all(render_survey_frame, range(number), (number,), jobs, progress)
     config = PipelineConfig.from_parameters({
@@ -167,7 +167,7 @@ def run_survey(
 def _process(
     config: PipelineConfig, frames: Sequence[RenderedFrame], progress: Progress
 ) -> tuple[list[Reading], list[Reading], dict[str, list[Map]]]:
-    """Let the pipeline and the filter see the frames in turn, then restore them once more."""
+    """Process the frames in order with pipeline and filter, then restore them once more."""
     pipeline, water_filter = Pipeline(CAMERA.rig, config), WaterFilter(config)
     single: list[Reading] = []
     pooled: list[Reading] = []
@@ -192,7 +192,7 @@ def _process(
 
 
 def _oracle(frame: RenderedFrame) -> Map:
-    """Invert the light model by the renderer's own integrals: what no estimate can beat."""
+    """Invert the light model with true lamps, water and ranges: the bound of what is possible."""
     rays = CAMERA.rig.ray_directions((CAMERA.height, CAMERA.width))
     beta = frame.attenuation
     light = direct_light(rays, frame.range_left, None, frame.lamps, beta)
@@ -205,10 +205,10 @@ def _oracle(frame: RenderedFrame) -> Map:
 
 
 def variation(images: Sequence[Map], truth: Sequence[Map]) -> Array:
-    """Variation of what pictures show of the same reflectance, over frames and ground, RGB.
+    """Variation of pictures of the same reflectance, over frames and ground, RGB.
 
-    It is that of pieces of ground over their true reflectance: half of the distance of the 16 and
-    the 84 % quantile, over the median.
+    It is that of the ratio of shown to true reflectance of pieces of ground: half of the difference
+    between the 84 and 16 % quantiles, over the median.
     """
     seen, true = (np.concatenate([_pieces(image) for image in some]) for some in (images, truth))
     low, middle, high = np.nanquantile(
@@ -223,7 +223,7 @@ def _pieces(image: Map) -> Array:
 
 
 def at_best_exposure(images: Sequence[Map], truth: Sequence[Map]) -> list[Map]:
-    """Multiply images by the one gain with which they come nearest to the truth."""
+    """Multiply all images by one gain, the least-squares fit to the truth."""
     product = sum(float(np.nansum(i * t)) for i, t in zip(images, truth, strict=True))
     square = sum(float(np.nansum(np.square(i))) for i in images)
     gain = np.float32(product / square if square > 0.0 else 1.0)
@@ -231,7 +231,7 @@ def at_best_exposure(images: Sequence[Map], truth: Sequence[Map]) -> list[Map]:
 
 
 def mean_difference(images: Sequence[Map], truth: Sequence[Map]) -> float:
-    """Mean ΔE*ab over all frames, of linear images, where a method has a colour."""
+    """Mean ΔE*ab over all frames, of linear images, without pixels that are not finite."""
     return float(np.mean([
         colour_difference(np.clip(np.nan_to_num(image), 0.0, 1.0), true)[
             np.isfinite(image).all(axis=2)].mean()

@@ -21,10 +21,10 @@ from uw_visibility_lab.evaluation.tables import CHANNELS, as_text, flat, number,
 
 
 def summarise_survey(survey: SurveyResult) -> Summary:
-    """Return what a survey found, of frames alone (``single``) and with those before (``pooled``).
+    """Return a survey's results, of single frames and of the filter over them (``pooled``).
 
-    ``first_assessed``: number of frames until its water was told. ``attenuation_error``: relative,
-    at its end. ``variation``, ``colour_difference``: by the names of `PICTURES`.
+    ``first_assessed``: number of frames until there is an estimate. ``attenuation_error``:
+    relative, after the last frame. ``variation``, ``colour_difference``: by names of `PICTURES`.
     """
     truth, last = survey.truth, survey.pooled[-1]
     errors = np.array(last.attenuation) / np.array(truth.attenuation) - 1.0
@@ -50,10 +50,10 @@ def survey_text(survey: SurveyResult, summary: Summary) -> str:
     errors = ", ".join(
         f"{name} {100 * error:+.0f} %" for name, error in summary["attenuation_error"].items())
     return "\n".join([
-        f"survey of {summary['frames']} frames by night\n",
+        f"survey of {summary['frames']} frames at night\n",
         HEAD,
-        line_of("each frame alone", summary["single"]),
-        line_of("with those before it", summary["pooled"]),
+        line_of("single frames", summary["single"]),
+        line_of("with earlier frames", summary["pooled"]),
         *reasons_text("refused", survey.pooled),
         f"  error of β at the end: {errors} ({summary['last_status']})",
         as_text(["same reflectance over frames, σ/median [%]", "R", "G", "B", "ΔE*ab"], [
@@ -103,7 +103,7 @@ def draw_survey(path: Path, survey: SurveyResult) -> None:
         colour = style.CHANNEL_COLOURS[name]
         axes.fill_between(
             frames, value - sigma, value + sigma, color=colour, alpha=0.15, linewidth=0.0)
-        axes.plot(frames, value, color=colour, label=f"{name}, with the frames before")
+        axes.plot(frames, value, color=colour, label=f"{name}, with earlier frames")
         axes.axhline(survey.truth.attenuation[c], color=colour, linestyle="--")
         axes.plot(
             frames, [reading.attenuation[c] for reading in survey.single], ".", color=colour,
@@ -111,7 +111,7 @@ def draw_survey(path: Path, survey: SurveyResult) -> None:
     axes.set_ylim(0.0, 2.0 * max(survey.truth.attenuation))
     axes.set_xlabel("frame")
     axes.set_ylabel("β [1/m], ± 1 σ")
-    axes.plot([], [], ".", color=style.INPUT, label="each frame alone")
+    axes.plot([], [], ".", color=style.INPUT, label="single frames")
     axes.plot([], [], "--", color=style.INPUT, label="truth")
     lower.legend(
         *axes.get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False,

@@ -26,7 +26,7 @@ UNKNOWN = "–"
 
 
 def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
-    """Return items by a key of each, in the order of its first."""
+    """Group items by key, in the order of each key's first item."""
     groups: dict[Key, list[Item]] = {}
     for item in items:
         groups.setdefault(key(item), []).append(item)
@@ -34,7 +34,7 @@ def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list
 
 
 def flat(values: Row, prefix: str = "") -> dict[str, Any]:
-    """Return nested values as one row, by dotted names: records by field, tuples by channel."""
+    """Return nested values as one row, by dotted names: dataclasses by field, tuples by channel."""
     row: dict[str, Any] = {}
     for name, value in values.items():
         inside = value
@@ -52,7 +52,7 @@ def flat(values: Row, prefix: str = "") -> dict[str, Any]:
 def write_report(folder: Path, tables: Mapping[str, Sequence[Row]], report: Row) -> None:
     """Write tables as CSV by their names (none without rows), and ``evaluation.json``.
 
-    What is not finite is an empty field in CSV and null in JSON.
+    Numbers that are not finite are empty fields in CSV and null in JSON.
     """
     for name, rows in tables.items():
         if rows:
@@ -62,7 +62,7 @@ def write_report(folder: Path, tables: Mapping[str, Sequence[Row]], report: Row)
 
 
 def as_csv(rows: Sequence[Row]) -> str:
-    """Return rows as CSV text with a header; what is not finite is an empty field."""
+    """Return rows as CSV text with a header; numbers that are not finite are empty fields."""
     stream = io.StringIO()
     writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
     writer.writeheader()
@@ -71,7 +71,7 @@ def as_csv(rows: Sequence[Row]) -> str:
 
 
 def as_text(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table for the terminal: first column to the left, the others to the right."""
+    """Return a table for the terminal: first column aligned left, the others right."""
     lines = [head, *([f"  {row[0]}", *row[1:]] for row in rows)]
     widths = [max(map(len, column)) for column in zip_longest(*lines, fillvalue="")]
     return "\n".join(
@@ -80,17 +80,17 @@ def as_text(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def number(value: float, digits: int) -> str:
-    """Return a number with so many decimals; a dash where it is not known."""
+    """Format a number with so many decimals; a dash if it is not finite."""
     return f"{value:.{digits}f}" if math.isfinite(value) else UNKNOWN
 
 
 def told(config: PipelineConfig) -> dict[str, Any]:
-    """Return the parameters of a study's pipeline, without threads: they change no result."""
+    """Return the parameters of a study's pipeline except threads, which change no result."""
     return {name: value for name, value in config.to_parameters().items() if name != "threads"}
 
 
 def _plain(value: Any) -> Any:
-    """Return nested values in JSON's types, records as objects; what is not finite is null."""
+    """Return nested values in JSON's types: dataclasses as objects, not finite numbers as null."""
     if is_dataclass(value):
         value = vars(value)
     if isinstance(value, Mapping):

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Cases of the judge: drawn views, path-traced scenes, frames of the sea."""
+"""Test cases of estimators: drawn views, path-traced scenes, frames of the sea."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from uw_visibility_lab.worlds.draw import RANDOM, draw
 from uw_visibility_lab.worlds.night import draw_night
 from uw_visibility_lab.worlds.scenes import Scene
 
-# FLSea's camera, px (README of the data; 10 % more or less changes ranges by less than 2 %).
+# Of FLSea's camera, px (README of the data); 10 % more or less changes ranges by less than 2 %.
 SEA_FOCAL_LENGTH = 1296.0
 
 
 def drawn(
     scenes: Sequence[Scene], number: int, seed: int, effects: str | Sequence[str] = RANDOM
 ) -> Iterator[Case]:
-    """Draw views of scenes in turn, each from a seed of its own."""
+    """Draw views of the scenes in turn, each with its own seed."""
     for index in range(number):
         scene = scenes[index % len(scenes)]
         view = draw(np.random.default_rng((seed, index)), scene, effects=effects)
@@ -44,7 +44,7 @@ def by_lamps(
     scenes: Sequence[Scene], number: int, seed: int, effects: Sequence[str] | None = None,
     daylight: float | None = None, contrast: float = 1.0,
 ) -> Iterator[LampCase]:
-    """Draw frames by lamps of scenes in turn; see `draw_night`."""
+    """Draw frames of the scenes under lamps in turn; see `draw_night`."""
     for index in range(number):
         scene = scenes[index % len(scenes)]
         night = draw_night(
@@ -57,7 +57,7 @@ def by_lamps(
 
 
 def traced(folder: Path, seed: int = 0) -> Iterator[Case]:
-    """Path-traced scenes as an 8-bit linear camera with a noise of one code records them."""
+    """Path-traced scenes as recorded by an 8-bit linear camera with a noise of one code."""
     for index, place in enumerate(traced_scenes(folder)):
         scene = load_traced(place)
         noise = np.random.default_rng((seed, index)).normal(0.0, 1.0, scene.image.shape)
@@ -89,7 +89,7 @@ def sea(folder: Path) -> Iterator[Case]:
     for path in frames:
         image, z = read_image(path), read_image(path.with_name(f"{path.stem}_depth.png"))
         if z.ndim != 2:
-            raise InputError(f"the depth of {path} has colours: give Z in mm")
+            raise InputError(f"the depth of {path} has several channels: give Z in mm alone")
         yield Case(
             image, _along_the_ray(z.astype(np.float32) / 1000.0), 0.0, "linear",
             clear_water(), None, path.stem)
@@ -107,7 +107,7 @@ def halves(case: Case) -> tuple[Case, Case]:
 
 
 def clear_water() -> Array:
-    """Clear water's attenuation as the default camera sees it, 1/m, RGB."""
+    """Clear water's attenuation for the default camera, 1/m, RGB."""
     return clear_water_attenuation(load_response(CameraConfig().response))
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Examples that the posterior is trained on: statistics of random views, with their truth."""
+"""Training examples of the posterior: statistics of random views, with ground truth."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from uw_visibility_lab.worlds.draw import View, draw
 from uw_visibility_lab.worlds.scenes import load_scene
 from uw_visibility_lab.worlds.scenes import pool as scenes_of
 
-# Views that a process draws at a time.
+# Number of views that a process draws at a time.
 BLOCK = 100
 # Statistics and truth of a view, and the flags of `Examples`.
 Row = tuple[Statistics, NDArray[np.float32], bool, bool]
@@ -45,26 +45,26 @@ class Examples(NamedTuple):
     of_channels: NDArray[np.float32]  # (N, 3, OF_CHANNEL)
     of_image: NDArray[np.float32]  # (N, OF_IMAGE)
     truth: NDArray[np.float32]  # (N, 3, 3); ln βd̃, ln B/b̂, ln W/b̂ by channel: see `network`
-    # (N,); whether the camera's curve is another than the one that is told
+    # (N,); whether the camera's curve differs from the declared one
     other_curve: NDArray[np.bool_]
-    # (N,); whether lamps light the view instead of daylight: veil and light have no truth then
+    # (N,); whether lamps light the view instead of daylight: then veil and light have no truth
     lamps: NDArray[np.bool_]
 
 
 def blocks_of(view: View) -> Blocks:
-    """Blocks of a drawn view, as the estimator takes them."""
+    """Blocks of a drawn view, as in the estimator."""
     samples = CameraView.of(view.image, view.transfer).colour
     assert samples is not None
     return reduce_to_blocks(samples, view.ranges, None)
 
 
 def statistics_of(view: View) -> Statistics | None:
-    """Statistics of a drawn view, as the estimator takes them."""
+    """Statistics of a drawn view, as in the estimator."""
     return summarise(blocks_of(view), view.range_error, view.clear_water)
 
 
 def statistics_of_survey(rng: np.random.Generator, views: Sequence[View]) -> Statistics | None:
-    """Statistics of frames as those of one image, at the exposure of the first."""
+    """Statistics of several frames as of one image, at the exposure of the first."""
     blocks = [
         (thinned(blocks_of(view), BLOCKS_KEPT),
          views[0].light / view.light * belief(rng, "survey.gain_error")) for view in views]
@@ -72,7 +72,7 @@ def statistics_of_survey(rng: np.random.Generator, views: Sequence[View]) -> Sta
 
 
 def truth_of(view: View, statistics: Statistics) -> NDArray[np.float32]:
-    """(3, 3): unknowns of each channel in the units of the statistics."""
+    """Unknowns of each channel in the units of the statistics, (3, 3)."""
     return np.log(np.stack((
         view.attenuation * statistics.median_range, view.veil / statistics.brightest,
         view.light / statistics.brightest), axis=1)).astype(np.float32)
@@ -82,10 +82,10 @@ def draw_all(
     pool: Path, number: int, seed: int, jobs: int, progress: Progress,
     lamps: float | None = None,
 ) -> Examples:
-    """Draw and summarise views; the same ones for any number of jobs.
+    """Draw views and reduce them to statistics; the result does not depend on `jobs`.
 
-    `lamps` is the share of views by lamps, that of the beliefs where absent. Views of which too
-    little has a range, or whose water has no finite logarithm, are left out.
+    `lamps` is the share of views under lamps, by default that of the beliefs. Views with too few
+    ranges, or whose truth has no finite logarithm, are left out.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def _draw_block(
         if statistics is None:
             continue
         truth = truth_of(views[0], statistics)
-        # β that fits the transmission best differs with ranges in view: their mean.
+        # The effective β differs with the ranges in view: the truth is the mean over the frames.
         truth[:, 0] += np.mean(
             [np.log(view.attenuation / views[0].attenuation) for view in views], axis=0)
         if np.isfinite(truth).all():
@@ -127,7 +127,7 @@ def _draw_block(
 def _frame(
     places: Sequence[Path], seed: tuple[int, int], frame: int, lamps: bool
 ) -> View:
-    """Draw a frame of an example: the same water and camera for each, other scenes and ranges."""
+    """Draw a frame of an example; frames share water and camera, but not scenes and ranges."""
     rng = np.random.default_rng(seed)
     first = int(rng.integers(len(places)))
     if frame == 0:
@@ -138,7 +138,7 @@ def _frame(
 
 
 def joined(first: Examples, second: Examples) -> Examples:
-    """Examples of both."""
+    """Concatenate examples."""
     return Examples(*(np.concatenate(each) for each in zip(first, second, strict=True)))
 
 
@@ -164,7 +164,7 @@ def load(path: Path) -> Examples:
     Raises
     ------
     InputError
-        If the file is none of it.
+        If it is not such a file.
     """
     try:
         with np.load(path, allow_pickle=False) as data:

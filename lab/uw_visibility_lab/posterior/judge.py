@@ -1,10 +1,10 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimators that are judged, and what they are asked.
+"""Estimators that are judged, and the cases that they are tested with.
 
-A case is an image with ranges and, but for frames of the sea, its true attenuation. Each kind of
-case is a row, so that no figure stands for a world it was not measured in. The package's own
-estimators, by day and under lamps, are among those that are judged.
+A case is an image with ranges and, except for frames of the sea, its true attenuation. Each kind
+of case has its own row of the table, since results for one kind do not hold for others. The
+package's estimators, for daylight and for lamps, are among those that are judged.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from uw_visibility.water.meaning.assessment import Assessor
 from uw_visibility_lab.evaluation.fits import fit_backscatter, fit_plain
 from uw_visibility_lab.evaluation.judging import CONTRAST, Answer, Judged, rms
 
-# Of each channel, where no distance is told.
+# Values of the channels if no distance is reported.
 NOTHING = np.full(3, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """An image, its ranges, and what is told of them; `attenuation` is the truth or None."""
+    """An image, its ranges, and declared parameters; `attenuation` is the truth or None."""
 
     image: NDArray[Any]
     ranges: NDArray[np.float32]
@@ -52,7 +52,7 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class LampCase(Case):
-    """A case by lamps that are told, through a camera of a focal length, px."""
+    """A case under declared lamps; the camera's focal length is in px."""
 
     lighting: LightingConfig = LightingConfig()
     focal_length: float = math.nan
@@ -62,7 +62,7 @@ Estimator = Callable[[Any], Answer]
 
 
 def ask(estimator: Estimator, case: Case) -> Judged:
-    """Give an estimator a case whose truth is known."""
+    """Run an estimator on a case with known truth."""
     assert case.attenuation is not None
     begun = time.perf_counter()
     answer = estimator(case)
@@ -70,14 +70,14 @@ def ask(estimator: Estimator, case: Case) -> Judged:
 
 
 def flips(estimator: Estimator, cases: Sequence[Case]) -> tuple[float, float]:
-    """What changes when nothing that matters does: ± 1 code, a row and column cut off, mirrored.
+    """Effect of irrelevant changes: noise of ± 1 code, a row and column cut off, mirroring.
 
     Returns
     -------
     flips : float
-        Part of the changed frames that are told where the frame was not, or the reverse.
+        Part of the changed frames with a distance where the original has none, or the reverse.
     moves : float
-        Root mean square of the distance's change, in its told deviations.
+        Root mean square change of ln distance, in the reported deviations.
     """
     changed, moves = [], []
     for index, case in enumerate(cases):
@@ -101,7 +101,7 @@ def flips(estimator: Estimator, cases: Sequence[Case]) -> tuple[float, float]:
 
 
 def describe(answer: Answer) -> str:
-    """Return the visibility distance with its interval, or why there is none."""
+    """Return the visibility distance with its interval, or the reason why there is none."""
     if not math.isfinite(answer.log_distance):
         return answer.status
     middle = visibility_distance(1.0, CONTRAST) * math.exp(answer.log_distance)
@@ -110,7 +110,7 @@ def describe(answer: Answer) -> str:
 
 
 class OnBoard:
-    """The package's estimator; with other networks where they are given."""
+    """The package's estimator for daylight; `weights` is a file of other networks."""
 
     def __init__(self, veil: str = "free", weights: Path | None = None) -> None:
         self._config = WaterConfig(veil=veil)
@@ -136,12 +136,12 @@ def sea_thru(case: Case) -> Answer:
 
 
 def under_lamps(case: LampCase) -> Answer:
-    """Estimate the water of a case by the package's estimator under lamps that are told."""
+    """Estimate the water of a case by the package's estimator for declared lamps."""
     return answer_of(estimate_by_lamps(case))
 
 
 def estimate_by_lamps(case: LampCase) -> WaterEstimate:
-    """Estimate the water of a case by the lamps that are told."""
+    """Estimate the water of a case with its declared lamps."""
     height, width = case.image.shape[:2]
     rig = StereoRig(case.focal_length, 1.0, (0.5 * (width - 1), 0.5 * (height - 1)))
     estimator = LampEstimator(WaterConfig(), case.lighting, case.clear_water, rig.rays_at)
@@ -150,9 +150,9 @@ def estimate_by_lamps(case: LampCase) -> WaterEstimate:
 
 
 def answer_of(found: WaterEstimate) -> Answer:
-    """What an estimate says of a case."""
+    """Convert an estimate to an answer."""
     attenuation, stddev = found.attenuation, found.attenuation_stddev
-    # As the assessment does: a distance needs every channel that has light.
+    # As in the assessment, a distance needs every channel that has light.
     if not np.isfinite(attenuation).any() or found.refused_in_light.any():
         return Answer(found.status.value, NOTHING, NOTHING)
     best = int(np.nanargmin(attenuation))

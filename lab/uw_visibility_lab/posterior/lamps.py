@@ -3,7 +3,7 @@
 """Fit the numbers of the posterior under lamps, `uw_visibility.water.lamps.posterior.FITTED`.
 
 python -m uw_visibility_lab.posterior.lamps POOL [CASES]
-prints them: those of the greatest likelihood over nights of three kinds, by coordinates in turn.
+prints those of the greatest likelihood over nights of three kinds, by coordinate ascent.
 """
 
 from __future__ import annotations
@@ -38,20 +38,20 @@ from uw_visibility_lab.worlds.scenes import load_scene
 from uw_visibility_lab.worlds.scenes import pool as scenes_of
 
 CASES = 80
-# Of the reefs. No daylight is left in that depth, m, so that none is missing in the frames.
+# Camera and depth (m) of the reefs: so deep that there is no daylight, as in the frames.
 CAMERA, DEPTH = StereoCamera(480, 360, 450.0, 0.12), 40.0
-# Seeds of nights, and of reefs that `judge` does not show.
+# Seed of nights, and first seed of reefs: others than those of the command `judge`.
 SEED, REEFS = 11, 1000
-# Exponent of reflectance over its median: ground as even as sand and rock.
+# Exponent of reflectance relative to its median: ground as even as sand and rock.
 EVEN = 0.35
-# Numbers are multiplied and divided by this as long as ln likelihood of a night grows by more.
+# Factor of a number's steps, least gain of mean ln likelihood by a step, and rounds of all numbers.
 STEP, GAIN, ROUNDS = 1.5, 0.005, 2
-# A night that is off by more deviations counts as one of so many: it is wrong.
+# Errors are limited to this number of deviations, so that wrong nights do not dominate.
 WRONG = 5.0
 
 
 class Night(NamedTuple):
-    """Nodes of a night, what is told of it, and its attenuation."""
+    """Nodes of a night, the declared parameters, and the true attenuation."""
 
     nodes: Nodes
     lighting: LightingConfig
@@ -77,7 +77,7 @@ def reefs(number: int, first: int = REEFS) -> Iterator[LampCase]:
 
 
 def pose_of(seed: int) -> Pose:
-    """Draw a view ahead over a reef, tilted down by 8 to 30 degrees."""
+    """Draw a pose over a reef, facing ahead and tilted down by 8 to 30 degrees."""
     random = np.random.default_rng([seed, 5])
     return Pose(
         (random.uniform(0.0, 1.0), 0.0, random.uniform(1.2, 1.9)),
@@ -88,7 +88,7 @@ def pose_of(seed: int) -> Pose:
 
 
 def observe(case: LampCase) -> Night | None:
-    """Reduce a case to nodes; None where there are too few."""
+    """Reduce a case to nodes; None if there are too few."""
     lamps = estimate_by_lamps(case).lamps
     assert case.attenuation is not None
     return None if lamps is None or lamps.nodes is None else Night(
@@ -110,7 +110,7 @@ def score(fitted: Fitted, night: Night) -> float:
 def main() -> None:
     """Print the fitted numbers."""
     if not 2 <= len(sys.argv) <= 3:
-        sys.exit("give a folder of scenes (`python -m uw_visibility_lab.worlds pool`), and cases")
+        sys.exit("give a folder of scenes (see python -m uw_visibility_lab.worlds) [and cases]")
     scenes = [load_scene(path) for path in scenes_of(Path(sys.argv[1]))]
     number = int(sys.argv[2]) if len(sys.argv) == 3 else CASES
     kinds = [

@@ -22,12 +22,12 @@ from uw_visibility_lab.worlds.scenes import load_scene
 from uw_visibility_lab.worlds.scenes import pool as scenes_of
 
 VIEWS = 2000
-# Blocks of which such a part is water are open water.
+# Least part of water in blocks that count as open water.
 MOSTLY = 0.8
 
 
 def examples(pool: Path, views: int, seed: int) -> tuple[Array, Array]:
-    """Features (N, 3), a 1 first, and whether blocks said to be water mostly are, (N,)."""
+    """Features (N, 3), the first is 1, and whether blocks taken for water mostly are so, (N,)."""
     places = scenes_of(pool)
     features, truth = [], []
     for index in range(views):
@@ -46,7 +46,7 @@ def examples(pool: Path, views: int, seed: int) -> tuple[Array, Array]:
 
 
 def fit(features: Array, truth: Array) -> Array:
-    """Return the coefficients of largest likelihood (logistic regression), (3,)."""
+    """Return the coefficients of a logistic regression by maximum likelihood, (3,)."""
     def loss(unknown: Array) -> float:
         return float(np.logaddexp(0.0, -(2.0 * truth - 1.0) * (features @ unknown)).sum())
 
@@ -56,7 +56,7 @@ def fit(features: Array, truth: Array) -> Array:
 def main() -> None:
     """Print the fitted numbers and how often they are right."""
     if not 2 <= len(sys.argv) <= 3:
-        sys.exit("give a folder of scenes (`python -m uw_visibility_lab.worlds pool`), and views")
+        sys.exit("give a folder of scenes (see python -m uw_visibility_lab.worlds) [and views]")
     features, truth = examples(
         Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) == 3 else VIEWS, seed=2)
     found = fit(features, truth)

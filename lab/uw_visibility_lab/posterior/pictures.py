@@ -1,8 +1,8 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Seams, noise, colour and flicker of enhanced pictures, beside those of peers.
+"""Seams, noise, colour errors and flicker of enhanced pictures, by our method and others.
 
-Real pairs have no truth; traced views have, and a right image that is warped from the left one.
+Real pairs have no ground truth. Traced views have it; their right images are warped left ones.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from uw_visibility_lab.evaluation.metrics import colour_difference
 from uw_visibility_lab.posterior.cases import traced_scenes
 from uw_visibility_lab.tracer.files import load
 
-# Steps of the gain are those of this quantile.
+# Quantile of the gain's steps that is shown.
 QUANTILE = 0.99
-# From one frame to the next, s.
+# Period of the frames, s.
 _PERIOD = 0.1
 
 
 class Pair(NamedTuple):
-    """A pair to enhance: ranges, (H, W), m, and the scene without water where they are known."""
+    """A pair to enhance, with ranges, (H, W), m, and the scene without water if they are known."""
 
     name: str
     left: Image8
@@ -53,16 +53,16 @@ class Row(NamedTuple):
     method: str
     steps: Array  # of the gain between neighbours, codes
     wide_steps: Array  # the same between pixels that are a block apart
-    noise: float  # of flat areas over that of the raw picture
+    noise: float  # of flat areas, relative to the raw picture
     colour: float  # mean ΔE*ab to the truth at the best exposure, where ranges are known
-    flicker: float  # change of blocks' means from a frame to the next, of other noise, codes
+    flicker: float  # change of blocks' means between frames that differ by noise, codes
 
 
 def gain_steps(raw: Image8, enhanced: Image8, distance: int = 1) -> Array:
     """Steps of the gain where the raw picture has none, codes.
 
-    Pixels of the same raw values in all channels differ in the enhanced picture by the gain
-    alone. Those `distance` px apart along rows and columns are compared.
+    Pixels with the same raw values in all channels differ in the enhanced picture by the gain
+    only. Pixels `distance` px apart along rows and columns are compared.
     """
     steps = []
     for axis in (0, 1):
@@ -76,9 +76,9 @@ def gain_steps(raw: Image8, enhanced: Image8, distance: int = 1) -> Array:
 
 
 def noise_ratio(raw: Image8, enhanced: Image8) -> float:
-    """Noise of the flattest blocks over that of the raw picture, of luminance, as its RMS.
+    """RMS noise of the flattest blocks relative to the raw picture, of the channels' mean.
 
-    Noise is the deviation from the mean of the four neighbours; blocks of one value have none.
+    Noise is the deviation from the mean of the four neighbours; uniform blocks are left out.
     """
     before, after = (_block_noise(image) for image in (raw, enhanced))
     if not (before > 0).any():
@@ -104,13 +104,13 @@ def _change(first: Image8, second: Image8) -> float:
 
 
 def with_noise(image: Image8, seed: tuple[int, ...]) -> Image8:
-    """Return an image with noise of one code, as another frame of the same scene has."""
+    """Return an image with added noise of one code, like another frame of the same scene."""
     noise = np.random.default_rng(seed).integers(-1, 2, image.shape)
     return np.clip(image.astype(int) + noise, 0, 255).astype(np.uint8)
 
 
 def real_pairs(folder: Path) -> Iterator[Pair]:
-    """Yield the pairs of a folder: calibration.json beside left_*.png and right_*.png.
+    """Yield the pairs of a folder with calibration.json, left_*.png and right_*.png.
 
     Raises
     ------
@@ -128,9 +128,9 @@ def real_pairs(folder: Path) -> Iterator[Pair]:
 
 
 def traced_pairs(folder: Path) -> Iterator[Pair]:
-    """Yield traced scenes as 8-bit linear cameras record them, with noise of one code.
+    """Yield traced scenes as recorded by 8-bit linear cameras with noise of one code.
 
-    The right image is warped from the left one by its ranges, open water from infinity.
+    The right image is warped from the left one by its ranges; open water is at infinity.
     """
     for index, place in enumerate(traced_scenes(folder)):
         scene = load(place)
@@ -151,9 +151,9 @@ def traced_pairs(folder: Path) -> Iterator[Pair]:
 
 
 def enhance(pair: Pair, pipeline: Pipeline, series: WaterFilter, stamp: float) -> dict[str, Image8]:
-    """Return the left picture by each method; those that need ranges only where they are known.
+    """Return the left picture by each method; Sea-thru only with known ranges.
 
-    Ours is that of a recording's frame at a stamp (s), of which `series` knows those before.
+    Ours is that of a frame at a stamp (s) of a recording, after those that `series` has seen.
     """
     known = series.known
     ours = pipeline.process(
@@ -171,7 +171,7 @@ def enhance(pair: Pair, pipeline: Pipeline, series: WaterFilter, stamp: float) -
 
 
 def compare(pair: Pair, config: PipelineConfig, seed: int = 0) -> list[Row]:
-    """Measure the pictures of a pair by each method."""
+    """Measure each method's picture of a pair."""
     pipeline, series = Pipeline(pair.rig, config), WaterFilter(config)
     first = enhance(pair, pipeline, series, 0.0)
     following = pair._replace(

@@ -39,24 +39,24 @@ from uw_visibility.water.daylight.statistics import Statistics
 from uw_visibility_lab.posterior.examples import Examples
 from uw_visibility_lab.worlds.beliefs import bounds
 
-# Views whose features are calculated at a time, and of which they are standardised.
+# Numbers of views: for features that are calculated at a time, and for their mean and deviation.
 BLOCK, STANDARD = 1024, 20_480
 HIDDEN = (192, 128, 64)
 BATCH = 256
 LEARNING_RATE, WEIGHT_DECAY, LARGEST_GRADIENT = 1e-2, 1e-1, 1.0
-# Part of the features that is left out in each step.
+# Part of the features that is dropped in each step.
 DROPPED = 0.2
-# A view that nothing explains does not turn the others.
+# Largest loss of a view, which limits the effect of outliers.
 MOST_LOSS = 50.0
-# Part of the examples that tells when to stop.
+# Part of the examples for validation: the networks of the step with their least loss are kept.
 HELD_BACK = 0.08
-# Part of them that is like the others, and whose images are as predicted; the others are refused.
+# Quantile over them that is the limit of `unlike` and `misfit`, beyond which images are refused.
 USUAL = 0.997
 MOST_OF_LIMITS = 6000
 
 
 class Net(nn.Module):
-    """The network of `uw_visibility.water.daylight.network`, to be trained."""
+    """The network of `uw_visibility.water.daylight.network`, for training."""
 
     def __init__(self, features: int) -> None:
         super().__init__()
@@ -82,7 +82,7 @@ def _normalised(x: Any) -> Any:
 
 
 def negative_log_likelihood(outputs: Any, logits: Any, truth: Any) -> Any:
-    """(N,): of truth (N, 3, 3) under the mixture."""
+    """Negative log likelihood, (N,), of truth (N, 3, 3) under the mixture."""
     n = len(truth)
     shaped = outputs.view(n, 3, COMPONENTS, OF_COMPONENT).transpose(1, 2)
     mean = shaped[..., :UNKNOWNS].reshape(n, COMPONENTS, 9)
@@ -101,7 +101,7 @@ def negative_log_likelihood(outputs: Any, logits: Any, truth: Any) -> Any:
     loaded = torch.linalg.solve_triangular(
         lower, loading.view(n, COMPONENTS, 3, 3, FACTORS), upper=False).reshape(
             n, COMPONENTS, 9, FACTORS)
-    # In 64 bit: of large and nearly equal loadings, 32 bit leave no positive determinant.
+    # In 64 bit: in 32 bit, large and nearly equal loadings have no positive determinant.
     loaded, white = loaded.double(), white.double()
     inner = torch.eye(FACTORS, dtype=torch.float64) + loaded.transpose(-1, -2) @ loaded
     projected = loaded.transpose(-1, -2) @ white.unsqueeze(-1)
@@ -115,7 +115,7 @@ def negative_log_likelihood(outputs: Any, logits: Any, truth: Any) -> Any:
 
 
 def _loss(net: Net, x: Any, truth: Any, flags: Any) -> Any:
-    """(N,): of truth, where daylight makes it, and of flags (N, 2)."""
+    """Loss, (N,), of truth (views in daylight only) and of flags (N, 2)."""
     outputs, logits, shown = net(x)
     loss = negative_log_likelihood(outputs, logits, truth).clamp(max=MOST_LOSS)
     return loss * (1.0 - flags[:, 1]) + nn.functional.binary_cross_entropy_with_logits(
@@ -125,7 +125,7 @@ def _loss(net: Net, x: Any, truth: Any, flags: Any) -> Any:
 def train(
     examples: Examples, seeds: int = 3, epochs: float = 40.0, say: Any = print
 ) -> dict[str, NDArray[Any]]:
-    """Train networks; return their arrays as `network.load` reads them."""
+    """Train networks; return their arrays in the format of `network.load`."""
     x, centre, spread = standardised_features(examples)
     held = held_back(len(x))
     flags = np.stack((examples.other_curve, examples.lamps), axis=1).astype(np.float32)
@@ -156,7 +156,7 @@ def train(
                 net.train()
             at = torch.randint(len(xs), (BATCH,))
             batch = xs[at].float()
-            # The same features of all channels.
+            # The same features are dropped in all channels.
             batch *= (torch.rand(BATCH, 1, batch.shape[2]) > DROPPED).float() / (1.0 - DROPPED)
             optimiser.zero_grad()
             loss = _loss(net, batch, *(each[at] for each in rest)).mean()
@@ -171,7 +171,7 @@ def train(
             arrays |= {
                 f"{seed}_{i}_weights": weights, f"{seed}_{i}_scale": scale,
                 f"{seed}_{i}_bias": layer.bias.detach().numpy().copy()}
-        # Lamps are no more probable for views by lamps that were drawn beside those of the beliefs.
+        # Prior of lamps: that of the beliefs, not the share of views under lamps in the examples.
         arrays[f"{seed}_{len(net.parts) - 1}_bias"][1] += (
             logit(bounds("lamps.share")[0]) - logit(flags[~held, 1].mean()))
     return arrays | {"limits": limits(of_arrays(arrays), examples)}
@@ -180,9 +180,9 @@ def train(
 def standardised_features(
     examples: Examples,
 ) -> tuple[NDArray[np.float16], NDArray[np.float32], NDArray[np.float32]]:
-    """Features (N, 3, D) in deviations, and the mean and deviation (D,) of the first views'.
+    """Standardised features (N, 3, D), and their mean and deviation (D,) over the first views.
 
-    In 16 bit: 200,000 views are 1.5 GB.
+    They are in 16 bit, since 200,000 views take 1.5 GB.
     """
     def block(at: int) -> NDArray[np.float32]:
         return features_of(*(each[at:at + BLOCK] for each in examples[:4]))
@@ -198,7 +198,7 @@ def standardised_features(
 
 
 def limits(network: Network, examples: Examples) -> NDArray[np.float64]:
-    """`Network.most_unlike` and `Network.most_misfit` by views that were held back, (2,)."""
+    """`Network.most_unlike` and `Network.most_misfit` from validation views in daylight, (2,)."""
     held = np.flatnonzero(held_back(len(examples.truth)) & ~examples.lamps)[:MOST_OF_LIMITS]
     found = []
     for i in held:
@@ -210,19 +210,19 @@ def limits(network: Network, examples: Examples) -> NDArray[np.float64]:
 
 
 def held_back(number: int) -> NDArray[np.bool_]:
-    """(N,): the examples that are not trained on, the same for each number of them."""
+    """Mask (N,) of the examples for validation; it depends on their number only."""
     return np.random.default_rng(0).random(number) < HELD_BACK
 
 
 def provenance(pool: Path, seed: int, examples: Examples) -> str:
-    """What the networks were trained on, to be kept with them."""
+    """Description of the training data, to be stored with the networks."""
     return (
         f"{len(examples.truth)} views of the scenes in {pool.name}, seed {seed}, "
         f"uw_visibility {__version__}, PyTorch {torch.__version__}")
 
 
 def write(arrays: dict[str, NDArray[Any]], path: Path, provenance: str) -> None:
-    """Write networks with where they come from."""
+    """Write networks with their provenance."""
     content = io.BytesIO()
     np.savez_compressed(
         content, provenance=np.array(provenance), **arrays)  # type: ignore[arg-type]

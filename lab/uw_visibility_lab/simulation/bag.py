@@ -1,12 +1,12 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Transect as a bag: the vehicle's sensors, and the truth beside them.
+"""Transect as a bag: the vehicle's sensors, and the ground truth.
 
-Stamps begin at a given date and step with the frame rate. Images lie in the
-cameras' optical frames (x right, y down, z forward), depth in a frame whose
-z points up from the surface. The true disparity is a
+Stamps begin at a given time and advance by the frames' period. Images are in
+the cameras' optical frames (x right, y down, z forward), depth is in a frame
+whose z points up from the surface. The true disparity is a
 ``stereo_msgs/DisparityImage``, 0 for open water, which is below its
-``min_disparity``. Under lamps, what the pipeline is told of them is
+``min_disparity``. With lamps, their parameters for the pipeline are in
 ``lighting.yaml`` in the bag's folder.
 """
 
@@ -57,19 +57,19 @@ TOPICS = {
 """Type of message by topic."""
 
 MOST_DEPTH_NOISE = 1000.0
-"""Standard deviation of the depth sensor at most, m."""
+"""Largest standard deviation of the depth sensor, m."""
 
 LAMP_TOPICS = {
     "/ground_truth/lamps": "std_msgs/msg/Float64MultiArray",
     "/ground_truth/reflectance": "sensor_msgs/msg/Image",
 }
-"""What comes on top under lamps."""
+"""Additional topics under lamps."""
 
 LAMP_COLUMNS = "x y z, axis x y z, beam angle, power r g b"
 LIGHTING = "lighting.yaml"
 
 POSITION_TOPIC, POSITION_TYPE = "/gps/fix", "sensor_msgs/msg/NavSatFix"
-"""Where the vehicle is, if that is asked for."""
+"""Position of the vehicle; only with a given start."""
 
 TRANSMISSOMETER_NOISE = 0.02
 """Standard deviation of the transmissometer, as a part of its value."""
@@ -98,8 +98,8 @@ def write_transect(
 
     start: time of the first frame, ns since 1970 (UTC).
     depth_stddev: standard deviation of the depth sensor in m.
-    range_scale: ratio of the baseline in CameraInfo to the true one: a wrong calibration.
-    position: latitude and longitude of the start, degrees; the way leads east from there.
+    range_scale: ratio of the baseline in CameraInfo to the true one, for a wrong calibration.
+    position: latitude and longitude of the start, degrees; the vehicle moves east from there.
     """
     check_range(
         "noise of the depth sensor", depth_stddev, 0.0, MOST_DEPTH_NOISE, "m", above=True)
@@ -107,10 +107,10 @@ def write_transect(
     if position is not None and not (abs(position[0]) <= 89.0 and abs(position[1]) <= 180.0):
         raise InputError(
             f"the position is {position[0]:g} {position[1]:g}: give latitude and longitude in "
-            "degrees, off the poles"
+            "degrees, at most 89 and 180"
         )
     random = np.random.default_rng([transect.seed, 1])
-    # Of its own, so that the depth sensor's noise stays what it was.
+    # A generator of its own does not change the depth sensor's noise.
     optical = np.random.default_rng([transect.seed, 3])
     lighting = transect.lighting
     topics = TOPICS | (LAMP_TOPICS if lighting.lamps else {})
@@ -118,8 +118,8 @@ def write_transect(
         topics = topics | {POSITION_TOPIC: POSITION_TYPE}
     with BagWriter(path, topics, overwrite=overwrite) as bag:
         if lighting.lamps:
-            told = lighting_parameters(lighting.lamps, lighting.daylight)
-            text = render_values(told, "The lamps of this recording, for --params-file.")
+            parameters = lighting_parameters(lighting.lamps, lighting.daylight)
+            text = render_values(parameters, "The lamps of this recording, for --params-file.")
             (bag.path / LIGHTING).write_text(text, encoding="utf-8")
         messages = _Messages(bag.make, transect.camera, range_scale)
         for time, frame in progress(transect.render(workers)):
@@ -232,7 +232,7 @@ class _Messages:
             f=camera.focal_length,
             t=camera.baseline,
             valid_window=region_message(self._make, (0, 0, camera.width, camera.height)),
-            # A ray is at least as long as the distance that disparity tells.
+            # A ray is at least as long as the depth along the axis, f b / disparity.
             min_disparity=camera.focal_length * camera.baseline / MAX_RANGE,
             max_disparity=float(max(math.ceil(known.max()), 1)),
             delta_d=float(np.finfo(np.float32).eps * max(known.max(), 1.0)),

@@ -1,8 +1,8 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated stereo camera: geometry, pose, sensor noise, and effects beside noise.
+"""Simulated stereo camera: geometry, pose, sensor noise, and other effects of the camera.
 
-These are vignetting, colour filters, white balance, transfer and codec.
+These are vignetting, exposure difference, colour filters, white balance, transfer and codec.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from uw_visibility.images.arrays import Array, Image8, Map
 from uw_visibility.optics.transfer import from_linear
 from uw_visibility.stereo.rig import StereoRig
 
-# A frame of that size takes minutes already.
+# Frames of this size already take minutes.
 LARGEST_SIDE = 8192
 Triple = tuple[float, float, float]
 
@@ -47,7 +47,7 @@ class StereoCamera:
 
     @property
     def rig(self) -> StereoRig:
-        """Geometry of the pair, as the pipeline takes it."""
+        """Geometry of the pair, in the pipeline's form."""
         return StereoRig(self.focal_length, self.baseline, self.principal_point)
 
 
@@ -56,7 +56,7 @@ class Pose:
     """Pose of the left camera."""
 
     position: tuple[float, float, float]  # x, y, z of the left camera in m
-    heading: float = 0.0  # turn to the left of the x axis in rad
+    heading: float = 0.0  # turn from the world's x axis to the left in rad
     tilt: float = 0.0  # downward tilt of the optical axis in rad
     roll: float = 0.0  # turn about the optical axis in rad, right side down
 
@@ -76,8 +76,8 @@ class Pose:
 class Sensor:
     """Sensor of a small camera: shot noise, read noise, quantisation."""
 
-    full_well: float = 15000.0  # electrons of a saturated pixel; inf leaves out the shot noise
-    read_noise: float = 20.0  # standard deviation of reading a pixel in electrons
+    full_well: float = 15000.0  # electrons of a saturated pixel; inf: no noise at all
+    read_noise: float = 20.0  # standard deviation of the read noise in electrons
 
     def __post_init__(self) -> None:
         if not self.full_well > 0.0:
@@ -85,10 +85,10 @@ class Sensor:
         check_range("read noise", self.read_noise, 0.0, unit="electrons")
 
     def read(self, irradiance: Map, random: np.random.Generator) -> Map:
-        """Turn irradiance (0 .. 1; above saturates) into code values with noise, not rounded."""
+        """Convert irradiance (1: saturation) to code values with noise, not rounded or clipped."""
         grey = irradiance * np.float32(255.0)
         if math.isfinite(self.full_well):
-            # Counts are large enough for the normal law to stand in for Poisson's.
+            # Counts are large enough for the normal approximation of the Poisson distribution.
             variance = np.maximum(irradiance, 0.0) / self.full_well
             variance += (self.read_noise / self.full_well) ** 2
             noise = random.standard_normal(irradiance.shape, dtype=np.float32)
@@ -97,16 +97,16 @@ class Sensor:
 
     @classmethod
     def gaussian(cls, codes: float) -> Sensor:
-        """Return a sensor whose noise is the same at any light, in codes of 255; 0 for none."""
+        """Return a sensor with noise of a fixed standard deviation in codes of 255; 0: none."""
         check_range("noise", codes, 0.0, 255.0, "codes")
         if codes == 0.0:
             return NOISELESS
-        # So large a well that its shot noise does not count.
+        # With so large a well the shot noise is negligible.
         return cls(full_well=1e12, read_noise=codes / 255.0 * 1e12)
 
 
 NOISELESS = Sensor(full_well=math.inf, read_noise=0.0)
-"""A sensor that quantises and does nothing else."""
+"""A sensor without noise: it only quantises."""
 
 
 @dataclass(frozen=True)
@@ -115,15 +115,15 @@ class CameraEffects:
 
     transfer: str = "linear"  # ``linear``, or ``srgb``: pixels are gamma-encoded
     white_balance: Triple = (1.0, 1.0, 1.0)  # gains of R, G and B
-    # whether each frame's channels are made equal on average (grey world), on top
+    # whether gains that equalise each frame's channel means (grey world) are applied, too
     automatic_white_balance: bool = False
-    # part of the light that is lost in the corners, falling with the square of the radius
+    # share of the light that is lost in the corners; the loss grows with the square of the radius
     vignetting: float = 0.0
     # relative difference of the right image's exposure from the left one's
     exposure_difference: float = 0.0
     # whether each pixel senses one colour (RGGB) and the others are interpolated
     bayer: bool = False
-    jpeg: int = 0  # quality of JPEG compression, 1 .. 100; 0 leaves it out
+    jpeg: int = 0  # quality of JPEG compression, 1 .. 100; 0: no compression
 
     def __post_init__(self) -> None:
         if self.transfer not in ("linear", "srgb"):
@@ -134,7 +134,7 @@ class CameraEffects:
         check_range("JPEG quality", self.jpeg, 0, 100)
 
     def gains(self, irradiance: Map) -> Array:
-        """Return the gains of white balance for a frame, by its left image, RGB."""
+        """Return a frame's white balance gains, RGB, from the irradiance of its left image."""
         fixed = np.array(self.white_balance)
         if not self.automatic_white_balance:
             return fixed
@@ -146,9 +146,9 @@ class CameraEffects:
         self, irradiance: Map, sensor: Sensor, random: np.random.Generator, gains: Array,
         *, right: bool = False,
     ) -> Image8:
-        """Turn irradiance (0 .. 1) into pixels: lens, exposure, sensor, colours, curve, codec.
+        """Convert irradiance (1: saturation) to pixels, with all effects in the camera's order.
 
-        gains: from `gains`, of the left image.
+        gains: white balance gains of the frame, see `gains`.
         """
         if self.vignetting > 0.0:
             irradiance = irradiance * lens_falloff(irradiance.shape[:2], self.vignetting)
@@ -185,7 +185,7 @@ def interpolate_mosaic(codes: Map) -> Map:
 
 
 def compress(image: Image8, quality: int) -> Image8:
-    """Return an RGB image as JPEG of a quality, 1 .. 100, leaves it."""
+    """Compress an RGB image as JPEG (quality 1 .. 100) and decompress it."""
     _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
     return np.asarray(decoded[..., ::-1], dtype=np.uint8, order="C")

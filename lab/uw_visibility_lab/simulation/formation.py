@@ -1,9 +1,9 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Image formation in simulated water: E = W ρ e^(−T) + B (1 − e^(−T)), and beyond.
+"""Image formation in simulated water: E = W ρ e^(−T) + B (1 − e^(−T)), and extensions.
 
-T is the optical path: β times range, and what a layer or a plume adds. In water with a
-spectrum, bands' averages take the place of the exponentials.
+T is the optical path: β times range, plus that of a layer or a plume. In water with a
+spectrum, band averages replace the exponentials.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from uw_visibility_lab.simulation.view import View
 from uw_visibility_lab.simulation.water import Water, WaterEffects
 
 FEW_PIXELS = 20_000
-"""Pixels that are enough to fit the effective attenuation to."""
+"""Number of pixels that suffices to fit the effective attenuation."""
 
-# Steps of the standard deviation of blur, px; between them it is interpolated.
+# Standard deviations of the blurred images, px; in between, images are interpolated.
 _BLURS = (0.0, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
 
 
@@ -44,7 +44,7 @@ def form_image(view: View, water: Water) -> Map:
 
 
 def path_transmission(view: View, water: Water) -> tuple[Array, Array]:
-    """Transmission of the scene's light, and missing share of the veil, each (n, 3).
+    """Transmission of the scene's light, and 1 − veil / veil at infinity, each (n, 3).
 
     Both are e^(−T) where the water has no spectrum.
     """
@@ -72,7 +72,7 @@ def added_path(view: View, effects: WaterEffects) -> Array:
 
 
 def path_below(view: View, top: float) -> Array:
-    """Length of lines of sight that lies below a height over the mean sea floor, m, (n,)."""
+    """Length of each line of sight below a height over the mean sea floor, m, (n,)."""
     above, rise = view.eye[2] - top, view.rays @ view.rotation[2]
     with np.errstate(divide="ignore"):
         crossing = np.where(rise == 0.0, np.inf, -above / rise)
@@ -89,7 +89,7 @@ def blur_by_range(direct: Map, ranges: Map, blur: float) -> Map:
     sigma = np.minimum(blur * np.where(known, ranges, farthest), _BLURS[-1])
     blurred = np.zeros_like(direct)
     for k, width in enumerate(_BLURS):
-        # Of this step, in the interpolation between steps; the sum of weights is 1.
+        # Weight of this blur in the linear interpolation; the sum over all is 1.
         weight = np.interp(sigma, _BLURS, np.eye(len(_BLURS))[k]).astype(np.float32)
         if not weight.any():
             continue
@@ -101,9 +101,9 @@ def blur_by_range(direct: Map, ranges: Map, blur: float) -> Map:
 def effective_attenuation(view: View, water: Water) -> Array:
     """Effective attenuation: β (1/m, RGB) of the e^(−βd) that fits the transmission best.
 
-    Least squares over the pixels that see the scene, by their ranges. It is what an estimate of one
-    β per channel can be held to where the truth has a spectrum, or differs over the image: with a
-    spectrum it depends on the ranges in view, since what water takes most is gone first.
+    Least squares over the pixels that see the scene. It is the reference for estimates of one β
+    per channel in water with a spectrum, or with a β that varies over the image. With a spectrum it
+    depends on the ranges in view, since strongly attenuated wavelengths vanish first.
     """
     effects = water.effects
     seen = np.flatnonzero(np.isfinite(view.range))
@@ -134,7 +134,7 @@ def fit_attenuation(
     d = np.asarray(ranges, np.float64)[:, np.newaxis]
     seen = np.asarray(transmission, np.float64)
     rate = np.maximum(-np.log(np.maximum(seen, 1e-12)) / d, 1e-9)
-    # Between the least and the largest of the pixels' own.
+    # The result is between the least and the largest β of single pixels.
     low, high = rate.min(0), rate.max(0)
     beta = np.median(rate, axis=0)
     for _ in range(12):

@@ -38,7 +38,7 @@ class Effects:
 
     marine_snow: float = 0.0  # share of the pixels that drifting particles cover, 0 .. 0.5
     caustics: float = 0.0  # relative change of light by waves at the surface, 0 .. 1
-    snow_brightness: float = 1.0  # radiance of the particles, where open water's is 1
+    snow_brightness: float = 1.0  # radiance relative to open water, or to white under lamps
 
     def __post_init__(self) -> None:
         check_range("share of marine snow", self.marine_snow, 0.0, 0.5)
@@ -50,7 +50,7 @@ class Effects:
 class RenderedFrame:
     """Rendered stereo frame and its ground truth."""
 
-    # left, right: (H, W, 3); the images, RGB; linear unless the camera's effects say otherwise
+    # left, right: (H, W, 3); the images, RGB; linear unless the camera's effects encode them
     left: Image8
     right: Image8
     # range_left, range_right: (H, W); distance along the line of sight in m; inf = open water
@@ -77,21 +77,21 @@ class RenderedFrame:
 
 @dataclass(frozen=True)
 class Renderer:
-    """Renders frames of scenes; the same arguments give the same bits."""
+    """Renders frames of scenes; equal arguments give bit-identical frames."""
 
     camera: StereoCamera = StereoCamera()  # the pair of cameras
     sensor: Sensor = Sensor()  # their noise
-    effects: Effects = Effects()  # what disturbs the light model
-    # threads that do the work; their number changes nothing in the result
+    effects: Effects = Effects()  # disturbances of the light model
+    # threads; their number does not change the result
     workers: Workers = field(default_factory=Workers)
-    camera_effects: CameraEffects = CameraEffects()  # what the cameras do beside
+    camera_effects: CameraEffects = CameraEffects()  # effects of the cameras, apart from noise
     lighting: Lighting = Lighting()  # daylight, lamps, or both
 
     def render(
         self, scene: Scene, pose: Pose, water: Water, *, seed: int = 0, time: float = 0.0,
         index: int = 0,
     ) -> RenderedFrame:
-        """Render one frame; its number is for lamps that strobe, its time (s) for caustics."""
+        """Render one frame; strobes depend on its `index`, caustics on its `time`, s."""
         lamps, with_lamps = self.lighting.of_frame(index, seed), bool(self.lighting.lamps)
         if with_lamps:
             check_water(water)
@@ -131,10 +131,10 @@ class Renderer:
     ) -> tuple[list[Map], float]:
         """Return the irradiance of the left view, or of both, with marine snow, and the exposure.
 
-        By daylight that is 1: the water has one.
+        By daylight alone the exposure is 1: that of the water is applied before.
         """
         source = replace(water, exposure=1.0) if self.lighting.lamps else water
-        # The lamps as each camera sees them.
+        # The lamps in each camera's frame.
         seen = [seen_from(lamps, side * self.camera.baseline) for side in range(len(views))]
         light = [self._light(*each, source) for each in zip(views, seen, strict=True)]
         exposure = 1.0
@@ -145,7 +145,7 @@ class Renderer:
         return [irradiance * np.float32(exposure) for irradiance in light], exposure
 
     def record(self, light: Sequence[Map], seed: int) -> tuple[list[Image8], Array]:
-        """Return what the camera makes of the views' irradiance, and its gains."""
+        """Return the recorded images of the views' irradiance, and the white balance gains."""
         gains = self.camera_effects.gains(light[0])
         images = [
             self.camera_effects.record(
@@ -157,7 +157,7 @@ class Renderer:
         return images, gains
 
     def exposure_for(self, scene: Scene, pose: Pose, water: Water) -> float:
-        """Return the exposure that suits a frame under lamps, from a small picture of it."""
+        """Return the automatic exposure of a frame under lamps, from a small rendering."""
         width, height = (max(8, n // 8) for n in (self.camera.width, self.camera.height))
         small = StereoCamera(
             width, height, self.camera.focal_length * width / self.camera.width,
@@ -168,7 +168,7 @@ class Renderer:
         return exposure_for(light, EXPOSED)
 
     def _light(self, view: View, lamps: Sequence[Lamp], water: Water) -> Map:
-        """Return the irradiance of an image by all light there is."""
+        """Return the irradiance of an image by daylight and lamps."""
         if not self.lighting.lamps:
             return form_image(view, water)
         irradiance = form_lamp_image(view, water, self.lighting, lamps, self.workers)
@@ -180,7 +180,7 @@ class Renderer:
         self, light: Sequence[Map], views: Sequence[View], seen: Sequence[tuple[Lamp, ...]],
         water: Water, seed: int,
     ) -> None:
-        """Draw white particles into images, in daylight and by the lamps that each camera sees."""
+        """Draw white particles into images, lit by daylight and lamps (in each camera's frame)."""
         snow = drift(self.camera, self.effects.marine_snow, np.random.default_rng([seed, 2]))
         background = float(self.lighting.daylight) * water.ambient_light()
         for side, (irradiance, view, lamps) in enumerate(zip(light, views, seen, strict=True)):
@@ -194,7 +194,7 @@ class Renderer:
 
 
 def mean_attenuation(attenuation: Array, water: Water) -> float:
-    """Return α (eq. 9) of an effective attenuation; of the paper's water as it was given."""
+    """Return α (eq. 9) of an effective attenuation; for the paper's water the given α."""
     grey = water.effects.water_type is None and not any(water.effects.channel_attenuation)
     if grey and np.array_equal(attenuation, water.attenuation()):
         return water.mean_attenuation
@@ -203,25 +203,25 @@ def mean_attenuation(attenuation: Array, water: Water) -> float:
 
 
 class Snow(NamedTuple):
-    """Particles that drift before the cameras."""
+    """Particles that drift in front of the cameras."""
 
     places: Array  # (n, 3); in the left camera's optical frame, m
     sigma: Array  # (n,); standard deviation of their images, px
-    opacity: Array  # (n,); share of the light behind their middles that they hide
+    opacity: Array  # (n,); opacity of the middle of their images, 0 .. 1
 
 
 @njit(nogil=True, error_model="numpy")
 def add_caustics(radiance: Any, points: Any, lattice: Any, amplitude: float, time: float) -> None:
     """Caustics: modulate radiance (n, 3) in place as waves at the surface focus the light.
 
-    points: (n, 3), where in the scene that light comes from in m; not finite = nowhere.
-    amplitude: largest relative change, 0 .. 1. time: in s; the pattern wanders.
+    points: (n, 3), points of the scene in m; not finite = open water.
+    amplitude: largest relative change, 0 .. 1. time: in s; the pattern moves.
     """
     for k in range(len(points)):
         x, y = points[k, 0], points[k, 1]
         if not math.isfinite(x):
             continue
-        # Bright lines run where the noise is near zero, as in a real caustic net.
+        # Bright lines are where the noise is near zero: they form a net, as real caustics do.
         net = value_noise(lattice, 3.1 * x + 0.4 * time, 3.1 * y, 0.9 * time)
         fine = value_noise(lattice, 7.3 * y, 7.3 * x - 0.6 * time, 1.3 * time + 20.0)
         line = math.exp(-6.0 * abs(net + 0.3 * fine))
@@ -239,7 +239,7 @@ def drift(camera: StereoCamera, fraction: float, random: np.random.Generator) ->
     while covered < wanted:
         depth = 0.4 * math.exp(random.uniform(0.0, 2.0))
         disparity = camera.focal_length * camera.baseline / depth
-        # Beyond the left image's right edge there is what the right one sees.
+        # Particles beyond the left image's right edge may be in the right image.
         column = random.uniform(0.0, camera.width + disparity)
         row = random.uniform(0.0, camera.height)
         # Near particles are larger, and out of focus.
@@ -254,10 +254,10 @@ def drift(camera: StereoCamera, fraction: float, random: np.random.Generator) ->
 def add_snow(
     irradiance: Map, ranges: Map, camera: StereoCamera, snow: Snow, points: Array, colours: Array
 ) -> None:
-    """Marine snow: draw particles into an image, in place, but for those behind a surface.
+    """Draw marine snow into an image, in place, except particles behind a surface.
 
     ranges: (H, W), m. points: (n, 3), the particles' places in the image's own optical frame, m.
-    colours: (n, 3), irradiance of each where it hides all.
+    colours: (n, 3), irradiance of each where it is opaque.
     """
     last = (camera.width - 1, camera.height - 1)
     pixels = points[:, :2] / points[:, 2:] * camera.focal_length + camera.principal_point

@@ -9,10 +9,10 @@ surface give, with Lambertian surfaces,
 
     E = P ρ cos i g(θ) e^(−β (r + d)) / r²  +  π P b ∫_0^d g(θ) p(ψ) e^(−β (r(s) + s)) / r(s)² ds
 
-where g is the beam's shape and p the phase function. On the ray, s − s0 = h tan t, with the
-distance h of lamp and ray, turns ds / r² into dt / h (C. Kulla and M. Fajardo, Computer
-Graphics Forum 31 (2012), doi 10.1111/j.1467-8659.2012.03148.x): what is left is smooth, and
-Gauss and Legendre's rule integrates it at every pixel.
+where g is the beam's shape and p the phase function. On the ray, the substitution
+s − s0 = h tan t, with the distance h of the lamp from the ray, turns ds / r² into dt / h
+(C. Kulla and M. Fajardo, Computer Graphics Forum 31 (2012), doi
+10.1111/j.1467-8659.2012.03148.x). The rest is smooth: Gauss-Legendre quadrature at every pixel.
 """
 
 from __future__ import annotations
@@ -37,27 +37,27 @@ from uw_visibility_lab.simulation.view import View
 from uw_visibility_lab.simulation.water import Water
 
 NEAREST = 0.01
-"""Distance of a lamp from a camera in m, below which its scattered light has no bound."""
+"""Least distance of a lamp from a camera in m; at 0 the scattered light is infinite."""
 
 BRIGHT = 99.0
-"""Percentile of an image that automatic exposure looks at."""
+"""Percentile of an image by which automatic exposure is set."""
 
-# What is nearer to a lamp is as bright as at this distance, m.
+# Surfaces nearer to a lamp are lit as at this distance, m.
 _NEAREST_SURFACE = 0.02
 
 Beam = Callable[[Array, float], Array]
 
 NODES = 24
-"""Nodes of the integral for beams of 60 degrees and more, within 1e-5; narrower ones take more."""
+"""Quadrature nodes for beams of 60 degrees and more, exact to 1e-5; narrower ones need more."""
 
 
 def gaussian_beam(cosine: Array, angle: float) -> Array:
-    """Relative power over the cosine of the angle from the axis; `angle` as in `Lamp`."""
+    """Relative power by cosine of the angle from the axis; `angle`: `Lamp.beam_angle`."""
     return np.asarray(np.exp(-beam_falloff(angle) * np.arccos(np.clip(cosine, -1.0, 1.0))**2))
 
 
 def seen_from(lamps: tuple[Lamp, ...], offset: float) -> tuple[Lamp, ...]:
-    """Return lamps in the frame of a camera at an offset (m) on the left one's x axis."""
+    """Return lamps in the frame of a camera with an offset (m) along the left one's x axis."""
     return tuple(
         replace(lamp, position=(lamp.position[0] - offset, *lamp.position[1:])) for lamp in lamps)
 
@@ -66,13 +66,12 @@ def direct_light(
     rays: Array, ranges: Map, normals: Array | None, lamps: Sequence[Lamp], beta: Array,
     beam: Beam = gaussian_beam, exponent: float = 1.0,
 ) -> Map:
-    """Irradiance of white surfaces at the camera, (..., 3) float32; 0 where nothing is.
+    """Irradiance at the camera from white surfaces, (..., 3) float32; 0 without a surface.
 
     rays: (..., 3), unit directions in the camera's frame. ranges: (...), m; inf = no surface.
     normals: in the camera's frame; without them every surface faces every lamp.
-    beam: relative power over the cosine of the angle from the axis, and the beam angle.
-    exponent: light goes with the cosine of the incidence to this power (Minnaert 1941,
-    doi:10.1086/144279).
+    beam: function of the cosine of the angle from the axis and the beam angle: relative power.
+    exponent: of the cosine of incidence (Minnaert 1941, doi:10.1086/144279).
     """
     known = np.isfinite(ranges)
     distance = np.where(known, ranges, 1.0).astype(np.float64)
@@ -93,9 +92,9 @@ def scatter(
     rays: Array, ranges: Map, lamps: Sequence[Lamp], beta: Array, scattering: Array,
     phase_function: str, workers: Workers,
 ) -> Map:
-    """Backscatter: light of the lamps that the water scatters (b in 1/m, RGB) to the camera.
+    """Backscatter: light of the lamps that the water scatters to the camera.
 
-    rays, ranges: as in `direct_light`.
+    rays, ranges: as in `direct_light`. scattering: b in 1/m, RGB.
     """
     scattered = np.zeros((*ranges.shape, 3), np.float32)
     if not scattering.any():
@@ -108,7 +107,7 @@ def scatter(
     rows = np.array([
         [*lamp.position, *lamp.axis, beam_falloff(lamp.beam_angle), *lamp.power]
         for lamp in lamps]).reshape(-1, 10)
-    # The narrower a beam, the shorter the part of a ray that it lights.
+    # Narrower beams light a shorter part of a ray, for which the nodes must be denser.
     narrowest = rows[:, 6].max(initial=0.0)
     widening = math.sqrt(narrowest / beam_falloff(60.0))
     nodes, weights = np.polynomial.legendre.leggauss(math.ceil(NODES * max(1.0, widening)))
@@ -129,7 +128,7 @@ def _scatter(
         ray, distance = rays[sample], float(ranges[sample])
         for lamp in lamps:
             along = lamp[0] * ray[0] + lamp[1] * ray[1] + lamp[2] * ray[2]
-            # From the lamp to the point of the ray that is nearest to it.
+            # Vector from the lamp to the nearest point of the ray.
             ax, ay, az = (
                 along * ray[0] - lamp[0], along * ray[1] - lamp[1], along * ray[2] - lamp[2])
             h = max(math.sqrt(ax * ax + ay * ay + az * az), 1e-6)
@@ -160,7 +159,7 @@ def _scatter(
 
 
 def check_water(water: Water) -> None:
-    """Refuse water that lamps are not simulated in."""
+    """Refuse water in which lamps cannot be simulated."""
     effects = water.effects
     if effects.water_type is not None or effects.layer > 0.0 or effects.plume > 0.0:
         raise InputError(
@@ -172,7 +171,7 @@ def check_water(water: Water) -> None:
 def form_lamp_image(
     view: View, water: Water, lighting: Lighting, lamps: Sequence[Lamp], workers: Workers
 ) -> Map:
-    """Irradiance of an image by the light of lamps alone, which are told in the camera's frame."""
+    """Irradiance of an image by lamps alone; `lamps` are in the camera's frame."""
     beta = water.attenuation()
     facing = view.normals @ view.rotation if lighting.shaded else None
     direct = view.image(
@@ -186,6 +185,6 @@ def form_lamp_image(
 
 
 def exposure_for(irradiance: Map, exposed: float) -> float:
-    """Gain that brings the 99th percentile of the strongest channel to an irradiance."""
+    """Gain that brings the 99th percentile of the pixels' brightest channel to `exposed`."""
     bright = float(np.percentile(irradiance.max(axis=2), BRIGHT))
     return exposed / bright if bright > 0.0 else 1.0

@@ -21,13 +21,13 @@ BEAM = 90.0
 """Full angle of a floodlight's beam at half power, degrees."""
 
 POWER = 1.0
-"""Irradiance of white 1 m in front of a lamp, in clear water, where daylight's is 1 at the
-surface, as a strobe's within a short exposure."""
+"""Irradiance of white 1 m in front of a lamp in clear water, relative to daylight's at the
+surface: that of a strobe in a short exposure."""
 
 STROBES = ("steady", "alternate")
 
-# Left camera's optical frame, m: beside and above cameras 0.12 m apart, and beside and
-# below them; all point a little inwards.
+# Positions in the left camera's optical frame (m) and directions: above, and to the sides of
+# cameras 0.12 m apart; all point slightly inwards.
 _RIGS: dict[int, tuple[tuple[Triple, Triple], ...]] = {
     1: (((0.06, -0.4, 0.0), (0.0, 0.15, 1.0)),),
     2: (
@@ -45,7 +45,7 @@ _RIGS: dict[int, tuple[tuple[Triple, Triple], ...]] = {
 
 @dataclass(frozen=True)
 class Lamp:
-    """A lamp, small against its distance."""
+    """A lamp, as a point source."""
 
     position: Triple  # in the left camera's optical frame (x right, y down, z forward), m
     direction: Triple = (0.0, 0.0, 1.0)  # axis of its beam; of any length above 0
@@ -80,17 +80,17 @@ class Lamp:
 
 @dataclass(frozen=True)
 class Lighting:
-    """What lights a scene; the defaults are daylight alone."""
+    """Light sources of a scene; by default daylight alone."""
 
     lamps: tuple[Lamp, ...] = ()  # the vehicle's lamps; daylight alone without any
-    daylight: bool = True  # whether there is daylight beside them
+    daylight: bool = True  # whether there is daylight, too
     # whether surfaces are Lambertian: light falls on a slanted one with the cosine of the angle.
     # Otherwise every surface faces every lamp, as in the paper's model
     shaded: bool = True
     # share of scattering in attenuation, b/β, RGB, 0 .. 1
     scattering_albedo: Triple = (0.6, 0.75, 0.8)
     phase_function: str = HENYEY_GREENSTEIN  # one of `PHASE_FUNCTIONS`
-    # ``steady``, or ``alternate``: lamps fire with every second frame alone, the first one included
+    # ``steady``, or ``alternate``: lamps fire in every second frame only, from the first one on
     strobe: str = "steady"
     # standard deviation of the logarithm of each lamp's power from frame to frame
     jitter: float = 0.0
@@ -120,7 +120,7 @@ class Lighting:
 def default_rig(
     count: int, beam_angle: float = BEAM, power: Triple = (POWER, POWER, POWER)
 ) -> tuple[Lamp, ...]:
-    """Return one, two or four lamps where vehicles carry them."""
+    """Return one, two or four lamps at usual places on a vehicle."""
     if count not in _RIGS:
         raise InputError(
             f"number of lamps is {count}: give {', '.join(map(str, _RIGS))}, or their positions")
@@ -129,7 +129,7 @@ def default_rig(
 
 def misplaced(lamps: tuple[Lamp, ...], distance: float, angle: float, seed: int
               ) -> tuple[Lamp, ...]:
-    """Return the lamps as a wrong survey of the vehicle has them.
+    """Return the lamps with errors of their poses, as from a wrong calibration.
 
     Each is moved by a distance, m, and turned by an angle, degrees, in random directions.
     """
@@ -149,9 +149,9 @@ def misplaced(lamps: tuple[Lamp, ...], distance: float, angle: float, seed: int
 
 
 def lighting_parameters(lamps: tuple[Lamp, ...], daylight: bool) -> dict[str, Any]:
-    """Return what the pipeline is told of lamps, by names of parameters.
+    """Return the pipeline's parameters of the lamps, by name.
 
-    The strongest power is told as 1: how strong a lamp is no vehicle knows.
+    Powers are relative to the strongest: vehicles do not know absolute ones.
     """
     if not lamps:
         return {"lighting.model": "daylight"}

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Seeded value noise in two and three dimensions, summed over octaves.
+"""Seeded value noise in three dimensions, summed over octaves.
 
 A texture is a function of the point on the surface, not of the pixel: both
 cameras see the same value at the same point.
@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from uw_visibility.compute.jit import njit
 
 LATTICE_SIZE = 64
-"""Cells after which the noise repeats; a power of two."""
+"""Period of the noise in cells; a power of two."""
 
 LACUNARITY = 0.47
-"""Cell size of an octave relative to the one before: no two octaves' cells line up."""
+"""Ratio of an octave's cell size to that of the one before; the cells do not line up."""
 
 
 def noise_lattice(seed: int) -> NDArray[np.float32]:
@@ -61,8 +61,8 @@ def fractal_noise(
 ) -> float:
     """Fractal noise: octaves of value noise, without those that a pixel cannot resolve.
 
-    An octave fades where its cells come near the pixel's footprint. So what is
-    far away is smooth rather than aliased, and alike in both views.
+    An octave fades as its cell size approaches the pixel's footprint, so that far
+    surfaces are smooth instead of aliased, and look alike in both views.
 
     x, y, z, cell, footprint: point, cell size of the first octave, width of a pixel there, m.
     persistence: weight of an octave relative to the one before.
@@ -76,9 +76,8 @@ def fractal_noise(
         fade = smoothstep(0.5, 1.5, cell / footprint)
         if fade > 0.0:
             scale = 1.0 / cell
-            # Each octave is turned against the one before, so that the
-            # lattice's axes do not show, and shifted, so that the octaves'
-            # origins do not coincide.
+            # Each octave is rotated relative to the one before, which hides the lattice's axes,
+            # and shifted, so that the octaves' origins do not coincide.
             x, y, z = 0.8 * x - 0.6 * y, 0.48 * x + 0.64 * y - 0.6 * z, (
                 0.36 * x + 0.48 * y + 0.8 * z
             )

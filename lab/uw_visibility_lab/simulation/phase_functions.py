@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Phase functions: how water and particles spread the light that they scatter."""
+"""Phase functions: angular distribution of the light that water and particles scatter."""
 
 from __future__ import annotations
 
@@ -20,10 +20,9 @@ ASYMMETRY = 0.9
 """Mean cosine of the scattering angle in the sea: from 0.85 to 0.95."""
 
 REFRACTIVE_INDEX, SLOPE = 1.10, 3.5835
-"""Relative to water's, and slope of the hyperbolic distribution of sizes: of the particles whose
-Fournier-Forand function comes nearest to Petzold's average: a
-backscattering ratio of 0.0183. Mobley, Sundman and Boss, Applied Optics 41 (2002), doi
-10.1364/AO.41.001035."""
+"""Refractive index relative to water, and slope of the hyperbolic size distribution, of particles
+whose Fournier-Forand function is closest to Petzold's average; their backscattering ratio is
+0.0183. Mobley, Sundman and Boss, Applied Optics 41 (2002), doi 10.1364/AO.41.001035."""
 
 ENTRIES = 16385
 """Entries of a table over 0 .. π."""

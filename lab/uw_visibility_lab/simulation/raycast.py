@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Ray casting: intersections of rays with a ground or a scene, and radiance there.
+"""Ray casting: intersections of rays with a ground or a scene, and radiance at them.
 
 Surfaces have contrast at all scales, and mild shading.
 """
@@ -37,7 +37,7 @@ def relief_height(relief: Any, size: float, slope: float, x: float, y: float) ->
     u, v = x / size * rows, y / size * rows
     i, j = math.floor(u), math.floor(v)
     fu, fv = u - i, v - j
-    # Quicker than a remainder of integers.
+    # Faster than the integer remainder.
     i0, j0 = int(i - columns * math.floor(i / columns)), int(j - rows * math.floor(j / rows))
     i1, j1 = i0 + 1 if i0 + 1 < columns else 0, j0 + 1 if j0 + 1 < rows else 0
     near = relief[j0, i0] + fu * (relief[j0, i1] - relief[j0, i0])
@@ -50,9 +50,9 @@ def meet_ground(
     relief: Any, size: float, slope: float, steep: float, ox: float, oy: float, oz: float,
     dx: float, dy: float, dz: float, start: float, most: float,
 ) -> float:
-    """Range at which a ray meets the ground, or `NOWHERE`; `steep` scales the steps.
+    """Range at which a ray meets the ground, or `NOWHERE`; steps are `steep` × height above it.
 
-    It is too long by a 256th of 0.6 cells, or of 0.4 % of the range, at most.
+    The range is too long by at most 1/256 of the last step: of 0.6 cells or 0.4 % of the range.
     """
     t = start
     before = t
@@ -92,7 +92,7 @@ def floor_distance(scene: Scene, eye: Any, dx: float, dy: float, dz: float, limi
         if dz >= 0.0:
             return NOWHERE
         start = (scene.highest - eye[2]) / dz
-    # Hardly anywhere does the gap close faster than this.
+    # A ray approaches the floor faster than this at few places only.
     closing = max(scene.steep * math.hypot(dx, dy) - dz, 1e-3)
     return meet_ground(
         scene.heights, len(scene.heights) * SPACING, 0.0, 1.0 / closing,
@@ -120,7 +120,7 @@ def look_at(
     """Write the normalised radiance in daylight of a point on the floor or on a shape.
 
     footprint: width of a pixel there in m.
-    seen: (9,), takes the radiance, the reflectance and the unit normal.
+    seen: (9,), output: radiance, reflectance and unit normal.
     """
     if hit == FLOOR:
         grid, step = scene.heights, 0.7 * SPACING

@@ -32,22 +32,22 @@ SPACING = 0.04
 
 
 class Scene(NamedTuple):
-    """Scene: everything that a ray can meet, in the form that kernels take."""
+    """Scene: all surfaces that a ray can hit, as arrays for kernels."""
 
-    lattice: NDArray[np.float32]  # (64, 64, 64); random values behind all textures
+    lattice: NDArray[np.float32]  # (64, 64, 64); random values of all textures
     heights: NDArray[np.float32]  # (ny, nx); height of the sea floor in m, by y and x
-    # (ny, nx); share of the sky's light that reaches the floor, 0 .. 1: dark beneath things
+    # (ny, nx); share of the sky's light that reaches the floor, 0 .. 1: low beneath objects
     openness: NDArray[np.float32]
     origin: tuple[float, float]  # x and y of the first sample in m
     highest: float  # height in m above which there is no floor
-    steep: float  # slope that few places of the floor exceed
+    steep: float  # 98 % quantile of the floor's slope
     shapes: Array  # (n, SHAPE_COLUMNS); ellipsoids and capsules, m
     # (n, 8); light colour, dark colour (linear RGB reflectance), texture's cell size in m and
     # width of its dark grooves
     appearance: Array
 
 
-# Linear reflectance of the lit and of the shaded parts, cell size, groove width.
+# Light colour, dark colour, cell size, groove width: see `Scene.appearance`.
 _ROCK = (0.52, 0.46, 0.36, 0.05, 0.05, 0.04, 0.30, 0.10)
 _PALE_ROCK = (0.90, 0.84, 0.70, 0.14, 0.12, 0.09, 0.24, 0.08)
 _CORALS = (
@@ -66,31 +66,31 @@ def reef(
 ) -> Scene:
     """Make a reef: sand and rock with boulders and corals along a transect.
 
-    It leads from x = 0 over a length in m; things stand up to `view` m beyond its end.
+    The transect starts at x = 0, with a length in m; objects are up to `view` m beyond its end.
 
-    boulders, corals: of a square metre.
+    boulders, corals: number per square metre.
     """
     lattice = noise_lattice(seed)
     origin = (-2.0, -0.6 * view)
     extent = (length + view + 2.0, 1.2 * view)
     heights = _terrain(lattice, origin, extent)
-    things = _Things(np.random.default_rng(seed), heights, origin, extent)
+    objects = _Objects(np.random.default_rng(seed), heights, origin, extent)
     area = extent[0] * extent[1]
     for _ in range(int(boulders * area)):
-        things.add_boulder()
+        objects.add_boulder()
     for _ in range(int(corals * area)):
-        things.add_coral()
-    # The start of a long way speaks for all of it.
+        objects.add_coral()
+    # The start of a long transect is representative of all of it.
     slopes = np.hypot(*np.gradient(heights[:, :1000], SPACING))
     return Scene(
         lattice=lattice,
         heights=heights,
-        openness=things.openness,
+        openness=objects.openness,
         origin=origin,
         highest=float(heights.max()),
         steep=float(np.quantile(slopes, 0.98)),
-        shapes=np.array(things.shapes).reshape(-1, SHAPE_COLUMNS),
-        appearance=np.array(things.looks).reshape(-1, 8),
+        shapes=np.array(objects.shapes).reshape(-1, SHAPE_COLUMNS),
+        appearance=np.array(objects.looks).reshape(-1, 8),
     )
 
 
@@ -100,7 +100,7 @@ def _terrain(lattice: Any, origin: tuple[float, float], extent: tuple[float, flo
     heights = np.empty((ny, nx), np.float32)
     for j in range(ny):
         y = origin[1] + j * SPACING
-        # Flatter along the camera's way, with mounds to its sides.
+        # Flatter along the camera's path, with mounds to its sides.
         relief = 0.38 + 0.72 * min(abs(y) / 4.0, 1.0)
         for i in range(nx):
             x = origin[0] + i * SPACING
@@ -110,7 +110,7 @@ def _terrain(lattice: Any, origin: tuple[float, float], extent: tuple[float, flo
     return heights
 
 
-class _Things:
+class _Objects:
     """Boulders and corals on a floor, and the shade beneath them."""
 
     def __init__(
@@ -124,7 +124,7 @@ class _Things:
         self.looks: list[tuple[float, ...]] = []
 
     def foot(self, clear: float) -> Array:
-        """Draw a point of the floor that leaves the camera's way free."""
+        """Draw a point of the floor that is at least `clear` m beside the camera's path."""
         while True:
             x, y = (
                 first + 1.0 + self.random.random() * (size - 2.0)
@@ -163,7 +163,7 @@ class _Things:
         self.openness[rows, columns] *= light.astype(np.float32)
 
     def add_boulder(self) -> None:
-        """Add a cluster of overlapping ellipsoids: a boulder that is not quite round."""
+        """Add an irregular boulder: a cluster of overlapping ellipsoids."""
         random, foot = self.random, self.foot(clear=0.9)
         size = 0.14 + 0.42 * random.random() ** 2
         look = _ROCK if random.random() < 0.7 else _PALE_ROCK
@@ -217,6 +217,6 @@ class _Things:
                 self.branch(end, turned, 0.72 * length, 0.72 * radius, generations - 1, look)
 
     def lean(self, direction: Array, amount: float) -> Array:
-        """Turn a direction by a random amount, upwards rather than down."""
+        """Turn a direction at random, with a tendency upwards."""
         turned = direction + self.random.normal(0.0, amount, 3) + (0.0, 0.0, 0.15)
         return np.asarray(turned / np.linalg.norm(turned))

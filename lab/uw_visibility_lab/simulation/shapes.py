@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Shapes that rays meet, of reefs and of worlds: ellipsoids, capsules and boxes."""
+"""Shapes of reefs and worlds for ray casting: ellipsoids, capsules and boxes."""
 
 from __future__ import annotations
 
@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 
-# A row of a shape: kind, centre (3), its own axes (3, 3), half lengths (3), radius of a sphere
-# about it, index of its material, and height of lumps over that radius.
+# Columns of a shape's row: kind, centre (3), axes (3, 3), half lengths (3), radius of the bounding
+# sphere, index of the material, and height of lumps relative to that radius.
 SHAPE_COLUMNS = 19
 ELLIPSOID, CAPSULE, BOX = 0, 1, 2
-"""Kinds of shapes: half axes; half length along its third axis and radius; half sides."""
+"""Kinds. Half lengths: half axes; radius twice and half length of the axis; half sides."""
 
 NOWHERE = 1e9
 
-# Three numbers.
 Vector = Sequence[float] | NDArray[np.float64]
 
 
@@ -29,7 +28,7 @@ def shape_row(
     kind: int, centre: Vector, half: Vector, axes: NDArray[np.float64] | None = None,
     material: int = 0, bump: float = 0.0,
 ) -> NDArray[np.float64]:
-    """Return a shape as kernels take it, (SHAPE_COLUMNS,); `axes` are the rows of its own axes."""
+    """Return a shape's row for kernels, (SHAPE_COLUMNS,); its axes are the rows of `axes`."""
     bound = (
         max(half) if kind == ELLIPSOID else half[0] + half[2] if kind == CAPSULE
         else math.hypot(*half))
@@ -47,7 +46,7 @@ def axes_along(x: float, y: float, z: float) -> NDArray[np.float64]:
 
 
 def turned_axes(random: np.random.Generator, tilt: float) -> NDArray[np.float64]:
-    """Draw axes (rows) that are turned about the vertical at random, and tilted by some rad."""
+    """Draw axes (rows), turned about the vertical and tilted (standard deviation in rad)."""
     turn, tip = random.uniform(0.0, 2.0 * math.pi), tilt * random.standard_normal()
     c, s = math.cos(turn), math.sin(turn)
     ct, st = math.cos(tip), math.sin(tip)
@@ -84,7 +83,7 @@ def meet_shape(
         return _meet_quadratic(
             bx * bx + by * by + bz * bz, ax * bx + ay * by + az * bz,
             ax * ax + ay * ay + az * az - 1.0)
-    # A capsule: its mantle, then both ends.
+    # A capsule: the cylinder, then the spheres at both ends.
     found = _meet_quadratic(bx * bx + by * by, ax * bx + ay * by, ax * ax + ay * ay - hx * hx)
     if found < NOWHERE and abs(az + found * bz) > hz:
         found = NOWHERE

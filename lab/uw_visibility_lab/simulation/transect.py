@@ -18,16 +18,16 @@ from uw_visibility_lab.simulation.lamps import Lighting
 from uw_visibility_lab.simulation.scene import Scene, reef
 from uw_visibility_lab.simulation.water import Water, WaterEffects
 
-# Ten days at ten frames a second.
+# More than eleven days at ten frames a second.
 MOST_FRAMES = 10_000_000
 
 RISE_PERIOD = 16.0
-"""Time in s in which a camera whose altitude changes rises and sinks once."""
+"""Period of the camera's rise and descent in s, where its altitude changes."""
 
 METERED = 7
-"""Frames of a transect under lamps that its exposure is set by."""
+"""Number of frames from which the exposure of a transect under lamps is set."""
 
-# Making a reef takes as long as two small frames; transects of one seed over one way have the same.
+# Making a reef takes as long as two small frames; transects of equal seed and length share it.
 _reef = functools.lru_cache(maxsize=2)(reef)
 
 
@@ -37,8 +37,8 @@ class Transect:
 
     frames: int = 20  # number of stereo frames
     rate: float = 2.0  # frames per second
-    # depth at the start and at the end in m. The reef keeps its distance below the camera, as on a
-    # slope
+    # depth at the start and at the end in m. The reef is at the same distance below the camera at
+    # any depth, as on a slope
     depth: tuple[float, float] = (2.0, 6.0)
     # mean attenuation α at the start and at the end in 1/m
     attenuation: tuple[float, float] = (0.05, 0.3)
@@ -47,8 +47,7 @@ class Transect:
     altitude: tuple[float, float] = (1.5, 1.5)
     tilt: float = 16.0  # downward tilt of the camera in degrees; 90 for a survey of the floor
     seed: int = 0  # seed of reef, noise and particles
-    # see `Water`; under lamps None is one exposure for all frames, at which the brightest of them
-    # suits the camera
+    # see `Water`; under lamps, None sets one exposure for all frames, by the brightest of some
     exposure: float | None = None
     # camera, sensor, effects, camera_effects, lighting: see `Renderer`
     camera: StereoCamera = StereoCamera()
@@ -69,11 +68,11 @@ class Transect:
 
     @property
     def length(self) -> float:
-        """Way from the first to the last frame in m."""
+        """Distance from the first to the last frame in m."""
         return self.speed * (self.frames - 1) / self.rate
 
     def render(self, workers: Workers | None = None) -> Iterator[TransectFrame]:
-        """Render the transect's frames in turn, by a thread for each processor where absent."""
+        """Render the frames in order; without `workers`, with a thread for each processor."""
         renderer = Renderer(
             self.camera, self.sensor, self.effects, workers or Workers(), self.camera_effects,
             self.lighting,
@@ -92,7 +91,7 @@ class Transect:
             yield TransectFrame(time, frame)
 
     def _meter(self, renderer: Renderer, scene: Scene) -> float:
-        """Return the exposure of a transect under lamps: fixed, as where colours must agree."""
+        """Return one exposure for all frames under lamps, so that their colours agree."""
         last = self.frames - 1
         indices = {round(last * k / (METERED - 1)) for k in range(METERED)}
         return min(
@@ -102,13 +101,13 @@ class Transect:
         )
 
     def _water(self, progress: float, exposure: float | None = None) -> Water:
-        """Return the water after a share of the transect; it changes smoothly."""
+        """Return the water at a share of the transect, 0 .. 1; it changes smoothly."""
         depth = _ease(self.depth, progress)
         alpha = _ease(self.attenuation, progress)
         return Water(alpha, depth, exposure or self.exposure, self.water_effects)
 
     def _pose(self, time: float) -> Pose:
-        """Return the camera's pose: a straight way, with a vehicle's sway."""
+        """Return the camera's pose: a straight path with a vehicle's sway."""
         low, high = self.altitude
         rise = 0.5 - 0.5 * math.cos(2.0 * math.pi * time / RISE_PERIOD)
         return Pose(

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rendered view of one camera without water: range and radiance for every ray.
 
-Lists of the shapes that rays may meet, by square tiles of the image, spare most of the work.
+Each square tile of the image has a list of the shapes that its rays may hit, which saves time.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MAX_RANGE = 40.0
 """Range in m beyond which there is only water."""
 
 EDGE = 0.02
-"""Relative bend of the inverse range from pixel to pixel that makes an edge."""
+"""Relative second difference of the inverse range between pixels that marks an edge."""
 
 TILE = 16
 """Width of a tile in px."""
@@ -41,15 +41,15 @@ TILE = 16
 class View:
     """One camera's view of a scene, in air: a sample for each pixel, and four more at edges.
 
-    Those of the pixels come first, row by row, each along its pixel's middle; then those of the
-    quarters of each pixel that sees more than one surface.
+    Those of the pixels come first, row by row, each through its pixel's middle; then those of the
+    quarters of each edge pixel.
     """
 
     shape: tuple[int, int]  # rows and columns of the image
-    pixel: NDArray[np.int64]  # (n,); of each sample, row by row
+    pixel: NDArray[np.int64]  # (n,); index of each sample's pixel, row by row
     rays: Array  # (n, 3); unit directions of the pixels in the camera's optical frame
     ranges: Map  # (n,); distance along the ray in m; inf = open water
-    radiance: Map  # (n, 3); normalised radiance in daylight at its end; 0 for open water
+    radiance: Map  # (n, 3); normalised radiance in daylight at the ray's end; 0 for open water
     reflectance: Map  # (n, 3); reflectance there
     normals: Map  # (n, 3); outward unit normals there, in the world's axes
     eye: Array  # (3,); the camera's position in the world, m
@@ -65,7 +65,7 @@ class View:
         return values[:math.prod(self.shape)].reshape(*self.shape, *values.shape[1:])
 
     def image(self, values: Map) -> Map:
-        """Return values of samples (n, 3) as an image; an edge is the mean of its quarters."""
+        """Return values of samples (n, 3) as an image; edge pixels are means of their quarters."""
         pixels = math.prod(self.shape)
         image = values[:pixels].copy()
         image[self.pixel[pixels::4]] = values[pixels:].reshape(-1, 4, 3).mean(axis=1)
@@ -77,7 +77,7 @@ def look(
 ) -> View:
     """Cast the rays of one camera: one per pixel, and four more where surfaces meet.
 
-    Elsewhere textures are smoothed to the pixel's footprint, which one ray can sample.
+    Elsewhere one ray suffices, since textures are smoothed to the pixel's footprint.
     pose: of the left camera.
     """
     size, rotation = (camera.height, camera.width), pose.rotation()
@@ -87,7 +87,7 @@ def look(
     optics = np.array([camera.focal_length, *camera.principal_point])
 
     def cast(rows: Array, columns: Array) -> tuple[Map, NDArray[np.int32], Map]:
-        """Range, surface, and what `look_at` sees of the rays through points of the image."""
+        """Range, surface, and values of `look_at` for rays through points of the image."""
         ranges, hits = np.empty(rows.size, np.float32), np.empty(rows.size, np.int32)
         seen = np.zeros((rows.size, 9), np.float32)
         if rows.size > 0:
@@ -112,7 +112,7 @@ def look(
 
 
 def _edges(ranges: Map, hits: NDArray[np.int32]) -> Mask:
-    """Mark pixels where the ray's neighbours meet another surface, or a fold."""
+    """Mark pixels whose neighbours' rays hit another surface, or where the surface folds."""
     edges = np.zeros(hits.shape, np.bool_)
     inverse = 1.0 / ranges
     for hit, near, edge in ((hits, inverse, edges), (hits.T, inverse.T, edges.T)):
@@ -154,7 +154,7 @@ def _cast(
 
 
 class Tiles(NamedTuple):
-    """Lists of shapes by tile, one after the other."""
+    """Concatenated lists of the shapes of each tile."""
 
     columns: int  # tiles in a row of tiles
     offsets: NDArray[np.int64]  # (tiles + 1,); where a tile's list starts in `shapes`
@@ -168,7 +168,7 @@ def assign_to_tiles(
     rotation: Array,
     limit: float,
 ) -> Tiles:
-    """List for each tile the shapes whose bounding sphere (n, 4) may show in it."""
+    """List the shapes of each tile: those whose bounding sphere (n, 4) may be visible in it."""
     offset = bounds[:, :3] - eye
     radius = bounds[:, 3]
     x, y, z = (offset @ rotation).T
@@ -178,7 +178,7 @@ def assign_to_tiles(
     near, far = np.maximum(z - radius, 1e-3), z + radius
 
     def span(middle: Array, centre: float, tiles: int) -> NDArray[np.int64]:
-        """First and last tile of each sphere's projection; the first is after the last for none."""
+        """First and last tile of each sphere's projection; first is last + 1 if there is none."""
         low, high = middle - radius, middle + radius
         first = low / np.where(low < 0.0, near, far)
         last = high / np.where(high > 0.0, near, far)
@@ -192,7 +192,7 @@ def assign_to_tiles(
     top, below = span(y, camera.principal_point[1], rows)
     width = right - left + 1
     count = width * (below - top + 1)
-    # Each shape as often as it has tiles, numbered row by row.
+    # Repeat each shape for its tiles, which are numbered row by row.
     shape = np.repeat(np.arange(len(index)), count)
     number = np.arange(len(shape)) - np.repeat(np.cumsum(count) - count, count)
     tile = (top[shape] + number // width[shape]) * columns + left[shape] + number % width[shape]

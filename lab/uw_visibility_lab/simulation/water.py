@@ -1,14 +1,14 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated water: that of the paper, and how real water departs from it.
+"""Simulated water: the paper's model, and departures of real water from it.
 
 A water type has a spectrum, which is integrated over wavelength with a camera's response:
 
 E_c = ∫ s_c(λ) L(λ) (ρ_c e^(−β(λ)d) + ω(λ) (1 − e^(−β(λ)d))) dλ with the camera's response s_c,
 daylight at depth L(λ) = I0(λ) e^(−K(λ)z), attenuation β = a + b', diffuse attenuation
-K = a + b_b, and the veil's spectrum ω = b'/β, which scattering gives and absorption takes
-(Akkaynak and Treibitz, CVPR 2018, doi 10.1109/CVPR.2018.00703). Here b' is the scattering that a
-camera loses (`KEPT`). A reflectance ρ_c is that of its channel: even over the channel's band.
+K = a + b_b, and the veil's spectrum ω = b'/β: scattering raises it, absorption lowers it
+(Akkaynak and Treibitz, CVPR 2018, doi 10.1109/CVPR.2018.00703). Here b' = (1 − `KEPT`) b is the
+scattering that a camera loses. The reflectance ρ_c is constant over the channel's band.
 """
 
 from __future__ import annotations
@@ -60,17 +60,16 @@ def spectral_types() -> list[str]:
 class BandAverages:
     """Band-averaged transmission of a water's spectrum in a camera's channels."""
 
-    # (3,); daylight at depth for a camera that is balanced at the surface, where it is 1
-    light: Array
+    light: Array  # (3,); daylight at depth, relative to that at the surface
     log_transmission: Array  # (n, 3); logarithm of the band-averaged transmission over `_PATHS`
-    log_unveiled: Array  # (n, 3); logarithm of what the veil lacks of its value at infinity
+    log_unveiled: Array  # (n, 3); logarithm of 1 − veil / veil at infinity, over `_PATHS`
 
     def transmission(self, ranges: NDArray[np.floating]) -> Array:
         """Return the band-averaged transmission, shape (..., 3); 0 at infinity."""
         return self._interpolate(ranges, self.log_transmission)
 
     def unveiled(self, ranges: NDArray[np.floating]) -> Array:
-        """Missing share of the veil's value at infinity, shape (..., 3), 0 .. 1."""
+        """Return 1 − veil / veil at infinity, shape (..., 3), 0 .. 1."""
         return self._interpolate(ranges, self.log_unveiled)
 
     def _interpolate(self, ranges: NDArray[np.floating], table: Array) -> Array:
@@ -91,7 +90,7 @@ def band_averages(
     """Integrate a water's spectrum with the camera's response.
 
     water_type: ``clear`` (Smith and Baker 1981) or a Jerlov type (Williamson and Hollins 2022).
-    particles, cdom: attenuation by more particles at 550 nm, absorption at 440 nm, 1/m.
+    particles, cdom: added scattering by particles at 550 nm, absorption at 440 nm, 1/m.
     particle_slope: exponent γ of the particles' spectrum (550 nm / λ)^γ; 0 = grey.
     """
     absorption, scattering, backscattering = _spectrum(water_type)
@@ -105,7 +104,7 @@ def band_averages(
     light = weights.sum(axis=0) / surface.sum(axis=0)
     veil_weights = weights * (scattering / beam)[:, np.newaxis]
     decay = np.exp(-np.outer(_PATHS, beam))
-    with np.errstate(divide="ignore"):  # beyond all light the logarithm is cut off
+    with np.errstate(divide="ignore"):  # the logarithm of no light is clipped
         transmission, unveiled = (
             np.maximum(np.log(decay @ w / w.sum(axis=0)), -700.0)
             for w in (weights, veil_weights)
@@ -114,10 +113,10 @@ def band_averages(
 
 
 def _spectrum(water_type: str) -> tuple[Array, Array, Array]:
-    """Absorption, scattering that is lost to a camera, and backscattering, by wavelength, 1/m."""
+    """Absorption, scattering that a camera loses, and backscattering, by wavelength, 1/m."""
     if water_type == CLEAR:
         absorption, scattering = clear_water(WAVELENGTHS)
-        # As in K_w = a_w + b_sw / 2: what molecules scatter forwards is not lost.
+        # As in K_w = a_w + b_sw / 2: light that molecules scatter forwards is not lost.
         return absorption, 0.5 * scattering, 0.5 * scattering
     absorption, scattering = inherent_properties(water_type, WAVELENGTHS)
     return absorption, (1.0 - KEPT) * scattering, BACKSCATTERED * scattering
@@ -125,14 +124,14 @@ def _spectrum(water_type: str) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True)
 class WaterEffects:
-    """Departures of water from the paper's; the defaults change nothing."""
+    """Departures of the water from the paper's model; by default none."""
 
-    # ratio B/W of what the water adds at infinity to what lights the scene, RGB
+    # ratio B/W of the veil at infinity to the light on the scene, RGB
     veil: Triple = (1.0, 1.0, 1.0)
-    # attenuation beyond clear water's and that of grey particles, RGB, 1/m
+    # attenuation in addition to that of clear water and grey particles, RGB, 1/m
     channel_attenuation: Triple = (0.0, 0.0, 0.0)
     # ``clear``, or a Jerlov type from IB to 5C: integrates over wavelength, see `band_averages`.
-    # None takes one coefficient per channel
+    # None: one coefficient per channel
     water_type: str | None = None
     # exponent of the particles' spectrum, (550 nm / λ)^γ; with a water type
     particle_slope: float = 0.0
@@ -164,7 +163,7 @@ class WaterEffects:
             )
         if self.water_type is None and (self.cdom > 0.0 or self.particle_slope != 0.0):
             raise InputError(
-                "dissolved matter and coloured particles have a spectrum: name a water type too, "
+                "dissolved matter and coloured particles have a spectrum: give a water type, too, "
                 "clear or a Jerlov type"
             )
         if self.water_type is not None and any(self.channel_attenuation):
@@ -175,14 +174,14 @@ class WaterEffects:
 
 @dataclass(frozen=True)
 class Water:
-    """Water that differs from clear sea water by grey particles, and by its effects."""
+    """Clear sea water with grey particles, and departures from the paper's model."""
 
     mean_attenuation: float  # attenuation by grey particles α in 1/m, the same in all channels
     depth: float  # depth of the camera in m
-    # gain from light to irradiance, where white at the surface is 1; None exposes so that the
-    # brighter of white and open water comes to 0.8 in the strongest channel
+    # gain from light (1: white at the surface) to irradiance in the image; None: the brighter of
+    # white and open water has 0.8 in the strongest channel
     exposure: float | None = None
-    effects: WaterEffects = WaterEffects()  # how it departs from the paper's
+    effects: WaterEffects = WaterEffects()  # departures from the paper's model
 
     def __post_init__(self) -> None:
         check_range("mean attenuation", self.mean_attenuation, 0.0, unit="1/m")
@@ -191,7 +190,7 @@ class Water:
             check_range("exposure", self.exposure, 0.0, above=True)
 
     def attenuation(self) -> Array:
-        """Return β in 1/m, RGB, without layer and plume; of a spectrum, that at range zero."""
+        """Return β in 1/m, RGB, without layer and plume; for a spectrum that at range zero."""
         bands = self.bands()
         if bands is not None:
             return np.asarray(-bands.log_transmission[1] / _PATHS[1])
@@ -199,7 +198,7 @@ class Water:
         return np.asarray(clear + self.mean_attenuation + self.effects.channel_attenuation)
 
     def scene_light(self) -> Array:
-        """Return W, which lights the scene at the camera's depth, as irradiance in the image."""
+        """Return W, the light on the scene at the camera's depth, as irradiance in the image."""
         bands = self.bands()
         light = (
             ambient_light_at_depth(self.attenuation(), self.depth) if bands is None
@@ -209,11 +208,11 @@ class Water:
         return np.asarray(gain * light)
 
     def ambient_light(self) -> Array:
-        """Return the veil B at infinity, which open water is seen as; the paper's I∞."""
+        """Return the veil B at infinity, the colour of open water; the paper's I∞."""
         return np.asarray(self.scene_light() * self.effects.veil)
 
     def bands(self) -> BandAverages | None:
-        """Return the spectrum as the camera's channels see it, where there is one."""
+        """Return the band averages of the water's spectrum, or None without one."""
         effects = self.effects
         if effects.water_type is None:
             return None

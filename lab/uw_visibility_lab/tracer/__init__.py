@@ -1,8 +1,8 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Path-traced water: an independent truth, which judges and teaches nothing.
+"""Path-traced water: independent test data, to which nothing is fitted.
 
-Light is followed through a homogeneous water by Mitsuba 3 (Jakob et al. 2022,
-https://mitsuba-renderer.org), with all orders of scattering: nothing of this package's light
-model is in it. It needs the extra `trace` of the lab, but for reading what was rendered.
+Mitsuba 3 (Jakob et al. 2022, https://mitsuba-renderer.org) traces light through homogeneous water,
+with all orders of scattering, without this package's light model. Rendering needs the extra
+`trace` of the lab; reading rendered scenes does not.
 """

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Mitsuba 3 and Open Image Denoise: found, chosen and started once."""
+"""Start of Mitsuba 3, choice of its variant and LLVM library, and Open Image Denoise."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Image
 
 LLVM = "DRJIT_LIBLLVM_PATH"
-"""Environment: the LLVM library that Mitsuba's compiler, Dr.Jit, takes."""
+"""Environment variable: the LLVM library of Mitsuba's compiler, Dr.Jit."""
 
 FITTING_LLVM = range(16, 22)
-"""Versions to look for. 14 is too old, and 15 ends the process on some processors."""
+"""Versions to look for. 14 is too old, and 15 crashes on some processors."""
 
 PLACES = ("/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib",
           "/usr/local/lib")
 
 
 def find_llvm() -> str | None:
-    """Return the newest fitting LLVM library of this machine, or None."""
+    """Return the newest suitable LLVM library of this machine, or None."""
     for version in reversed(FITTING_LLVM):
         for place in PLACES:
             for pattern in (f"libLLVM.so.{version}*", f"libLLVM-{version}.so*"):
@@ -36,19 +36,19 @@ def find_llvm() -> str | None:
 
 
 def missing(name: str) -> InputError:
-    """Return the error that says how to install what path tracing needs."""
+    """Return the error for a missing package, with the command that installs it."""
     return InputError(
         f"path tracing needs {name}: install the lab's extra trace, pip install -e 'lab[trace]'")
 
 
 @lru_cache(maxsize=1)
 def mitsuba(threads: int = 2) -> Any:
-    """Return Mitsuba, its variant chosen.
+    """Return Mitsuba with its variant set.
 
-    That is llvm_ad_mono, where one channel at a time is traced, each with free paths of its own:
-    in water red's are several times shorter than blue's, and paths drawn for one have weights
-    without bound in the other. Without an LLVM library that fits it is scalar_rgb, of which
-    one channel is used: several times slower.
+    The variant is llvm_ad_mono, which traces one channel at a time with its own free paths: in
+    water red's are several times shorter than blue's, and paths drawn for one channel have
+    unbounded weights in the other. Without a suitable LLVM library it is scalar_rgb, of which one
+    channel is used: several times slower.
 
     Raises `InputError` if Mitsuba is not installed.
     """
@@ -70,11 +70,11 @@ def mitsuba(threads: int = 2) -> Any:
 def denoise(image: Image, guide: Image, normals: Image | None = None) -> Image:
     """Denoise a traced image (Open Image Denoise, filter RT, high dynamic range).
 
-    Channels go through it one by one: together, their means move by 1 to 4 %.
+    Channels are denoised one by one: together, their means would change by 1 to 4 %.
 
     image: (H, W, 3) float32, linear, not below 0.
-    guide: (H, W, 3) float32, 0 .. 1: what each channel follows, without noise. What the image has
-        not should not be in it: edges of the guide are taken over.
+    guide: (H, W, 3) float32, 0 .. 1: guide of each channel, without noise. Its edges are copied to
+        the image, so it should have only those of the image.
     normals: (H, W, 3) float32, of surfaces, without noise.
     Returns (H, W, 3) float32, not below 0.
     Raises `InputError` if pyoidn is not installed.
@@ -89,12 +89,12 @@ def _denoise_channel(image: Image, guide: Image, normals: Image | None) -> Image
     except ImportError as error:
         raise missing("pyoidn") from error
     height, width = image.shape
-    # The network expects radiances about 1; where light is lost a channel is 1000 times less.
+    # The network expects radiances near 1; a strongly attenuated channel is 1000 times darker.
     level = max(float(image.mean()), 1e-12)
     device = pyoidn.Device()
     device.commit()
     result = np.zeros((height, width, 3), np.float32)
-    # Held until the filter has run: it keeps addresses only.
+    # These references are kept until the filter has run: it stores addresses only.
     given = {
         pyoidn.OIDN_IMAGE_COLOR: _threefold(image / level),
         pyoidn.OIDN_IMAGE_ALBEDO: _threefold(np.clip(guide, 0.0, 1.0)),
@@ -105,7 +105,7 @@ def _denoise_channel(image: Image, guide: Image, normals: Image | None) -> Image
     for name, data in given.items():
         run.set_image(name, data, pyoidn.OIDN_FORMAT_FLOAT3, width, height)
     run.set_bool("hdr", True)
-    # The guides have no noise worth a pass of their own.
+    # The guides have too little noise to be denoised first.
     run.set_bool("cleanAux", True)
     run.commit()
     run.execute()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Traced scenes as folders: written by `uw_visibility render`, read without a tracer.
 
-Their truth is what a camera could at best know of the water: how surfaces' light falls with range.
+The true attenuation is the decay of surfaces' light with range: a camera cannot measure more.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ TRUTH = "truth.json"
 """Written last: a folder that has it is complete."""
 
 EXPOSURE = (0.99, 0.9)
-"""Quantile of the image's brightest channel, and the code value that it gets, 1 is full."""
+"""Quantile of the image's brightest channel, and the code value that it gets; 1 is full scale."""
 
 FULL = 65535
 
 BINS = 24
-"""Of range, with equally many pixels."""
+"""Number of bins of range, with equal numbers of pixels."""
 
 FEWEST_PIXELS = 60
-"""Of a bin."""
+"""Least number of pixels in a bin."""
 
 LEAST_OPEN = 0.01
-"""Share of open water that is enough to take the veil from."""
+"""Least share of open water from which the veil is measured."""
 
 
 @dataclass(frozen=True)
@@ -49,23 +49,23 @@ class Traced:
 
     image: Array  # (H, W, 3) float32; RGB, linear, 0 .. 1, without a sensor's noise
     ranges: Array  # (H, W) float32; m along the line of sight, NaN in open water
-    surface: Array  # (H, W, 3) float32; radiance of the surfaces without water before them
-    # (3,), 1/m; of surfaces' light, image less black, over the surfaces' radiance. Light of the
-    # floor that water scatters into the view is in it, so it is nearer to absorption than to c
+    surface: Array  # (H, W, 3) float32; radiance of the surfaces without water in front of them
+    # (3,), 1/m; of surfaces' light (image minus black) relative to the surfaces' radiance. It
+    # includes scattered light of the floor, so it is closer to absorption than to c
     attenuation: Array
     light: Array  # (3,); W: radiance of a white surface, median over the scene
     focal_length: float  # px
     baseline: float  # m
-    truth: dict[str, Any]  # all that truth.json holds
+    truth: dict[str, Any]  # content of truth.json
 
 
 def _listed(values: Array) -> list[float | None]:
-    """Return numbers as JSON has them: null for NaN."""
+    """Return numbers for JSON: null for NaN."""
     return [float(f"{v:.6g}") if np.isfinite(v) else None for v in np.asarray(values, float)]
 
 
 def exposure(image: Array) -> float:
-    """Return the gain that makes an image of radiances one of code values."""
+    """Return the gain from an image's radiances to code values."""
     share, level = EXPOSURE
     return level / max(float(np.quantile(image.max(axis=-1), share)), 1e-12)
 
@@ -74,14 +74,14 @@ def truth_of(
     description: Description, camera: StereoCamera, gain: float, samples: int,
     arrays: dict[str, Array],
 ) -> dict[str, Any]:
-    """Return what is true of a traced view, as JSON has it.
+    """Return the ground truth of a traced view, for JSON.
 
     gain: image over radiance.
     samples: paths for each pixel and channel of the image.
     Returns in units of the image, 1/m and m.
     """
     ranges = arrays["ranges"]
-    # A denoised veil is smooth, but its mean may be off: the raw one.
+    # From raw images, since denoising may change the mean of the veil.
     attenuation, stddev = fit_decay(*transmissions(
         arrays["raw"], arrays["raw_black"], arrays["surface"], ranges))
     water = description.water
@@ -115,9 +115,9 @@ def range_bins(ranges: Array) -> list[NDArray[np.int64]]:
 def transmissions(
     image: Array, veil: Array, surface: Array, ranges: Array,
 ) -> tuple[Array, Array, Array]:
-    """Transmission of surfaces' light by range: all that surfaces add to the image, over theirs.
+    """Transmission by range: surfaces' light in the image relative to the surfaces' radiance.
 
-    image: (H, W, 3), light in water; with noise, but not denoised: that flattens texture.
+    image: (H, W, 3), light in water, not denoised: denoising flattens texture.
     veil: (H, W, 3), the same with black surfaces.
     surface: (H, W, 3), radiance of the surfaces themselves.
     ranges: (H, W), m, NaN in open water.
@@ -134,7 +134,7 @@ def transmissions(
     values, stddevs = np.empty((2, len(parts), 3))
     for k, part in enumerate(parts):
         seen, source = light[part], given[part]
-        # A channel that lights nothing has no slope.
+        # A channel without light has no slope.
         power = np.maximum((source * source).sum(axis=0), 1e-300)
         values[k] = (source * seen).sum(axis=0) / power
         variance = np.square(seen - values[k] * source).sum(axis=0) / (len(part) - 1)
@@ -145,19 +145,19 @@ def transmissions(
 def fit_decay(middles: Array, values: Array, stddevs: Array) -> tuple[Array, Array]:
     """Fit k e^(-βd) to transmissions, weighted by their noise, with both k and β free.
 
-    k is free since a camera does not know it: reflectance and light are unknown to it alike.
+    k is free since a camera knows neither reflectance nor light.
 
     middles: (N,), m.
     values, stddevs: (N, 3).
-    Returns `attenuation`, β, and `stddev`, (3,), 1/m; NaN where it cannot be told. The deviation is
-    of the samples' noise and of the departure from an exponential: it is scaled by √χ² per degree
-    of freedom where that is above 1.
+    Returns `attenuation`, β, and `stddev`, (3,), 1/m; NaN if undetermined. The deviation includes
+    the samples' noise and the departure from an exponential: it is scaled by √(χ² per degree of
+    freedom) if that is above 1.
     """
     attenuation, stddev = np.full((2, 3), np.nan)
     for channel in range(3):
         value, noise = values[:, channel], stddevs[:, channel]
         used = np.isfinite(value) & np.isfinite(noise) & (noise > 0.0)
-        # Without 3 bins above their noise there is no decay to be told.
+        # A decay needs 3 bins above their noise.
         if used.sum() >= 3 and (value[used] > 3.0 * noise[used]).sum() >= 3:
             attenuation[channel], stddev[channel] = _fit(middles[used], value[used], noise[used])
     return attenuation, stddev
@@ -169,7 +169,7 @@ def _fit(distance: Array, value: Array, noise: Array) -> tuple[float, float]:
     slope, height = np.polyfit(
         distance, np.log(np.where(clear, value, 1.0)), 1, w=weight)
 
-    # 0.5 % of each value beside the noise: no bin alone decides.
+    # 0.5 % of each value is added to the noise, so that no single bin dominates.
     spread = np.hypot(noise, 0.005 * np.abs(value))
 
     def residual(unknown: Array) -> Array:
@@ -182,7 +182,7 @@ def _fit(distance: Array, value: Array, noise: Array) -> tuple[float, float]:
 
 
 def open_water(image: Array, ranges: Array) -> Array:
-    """Veil B: the median of open water, (3,); NaN where too little of it is in view.
+    """Veil B: the median of open water, (3,); NaN if too little of it is in view.
 
     image: (H, W, 3). ranges: (H, W), m, NaN in open water.
     """
@@ -199,7 +199,7 @@ def scene_light(surface: Array, reflectance: Array, ranges: Array) -> Array:
 
 
 def write_view(folder: Path, view: str, arrays: dict[str, Array]) -> None:
-    """Write a view: VIEW.png (16 bit, linear), VIEW.npz and VIEW_srgb.png to look at.
+    """Write a view: VIEW.png (16 bit, linear), VIEW.npz, and VIEW_srgb.png for display.
 
     view: left or right.
     arrays: image (H, W, 3), 0 .. 1; ranges (H, W), and further ones.
@@ -213,7 +213,7 @@ def write_view(folder: Path, view: str, arrays: dict[str, Array]) -> None:
 
 
 def write_truth(folder: Path, truth: dict[str, Any]) -> None:
-    """Write truth.json, by which a folder is complete."""
+    """Write truth.json, which marks a folder as complete."""
     write_whole(folder / TRUTH, json.dumps(truth, indent=1, ensure_ascii=False) + "\n")
 
 
@@ -222,7 +222,7 @@ def load(folder: Path) -> Traced:
 
     Raises `InputError` if a file is missing or damaged.
     """
-    whole = f"{folder} holds no whole scene of uw_visibility render: render it again"
+    whole = f"{folder} holds no complete scene of uw_visibility render: render it again"
     with refusing(whole, OSError, KeyError, TypeError, ValueError):
         truth = json.loads((folder / TRUTH).read_text(encoding="utf-8"))
         attenuation, light = (

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Path-traced images of a description: light in water, the veil alone, and surfaces bare."""
+"""Path-traced images of a scene: in water, the veil alone, and surfaces without water."""
 
 from __future__ import annotations
 
@@ -26,28 +26,28 @@ from uw_visibility_lab.tracer.scene import (
 )
 
 MOST_SCATTERED = 64
-"""Events of a path. Paths end at random from `ROULETTE` events on, without bias."""
+"""Largest number of events of a path. From `ROULETTE` on, paths end at random, without bias."""
 
 ROULETTE = 8
 
 AUXILIARY = 4
-"""Black and bare images have a fourth of the samples: veil and irradiance are smooth."""
+"""Divisor of the number of samples for black and bare images: veil and irradiance are smooth."""
 
 CLEAR = 1e-3
-"""Water that is left before a bare surface, m."""
+"""Thickness of the water that remains in front of a bare surface, m."""
 
 PHASE_ENTRIES = 1 << 18
-"""Of a phase function's table. What is scattered by less than its last step, 0.22°, is spread over
-that."""
+"""Entries of a phase function's table. Light that is scattered by less than its last step, 0.22°,
+is spread over that step."""
 
 SKY_LENGTHS, SKY_REACH = 4.0, (15.0, 60.0)
-"""Half the side of the shining surface: attenuation lengths of the clearest channel, and its
+"""Half side of the luminous sea surface in attenuation lengths of the clearest channel, and its
 limits in m."""
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """What the pixels' rays meet first, float32."""
+    """First surfaces on the pixels' rays, float32."""
 
     # (H, W); Euclidean distance along the line of sight at the pixel's centre, m; NaN in open water
     ranges: Array
@@ -56,7 +56,7 @@ class Geometry:
 
 
 class Tracer:
-    """A described scene as Mitsuba holds it, for one view.
+    """A scene in Mitsuba, for one view.
 
     width, height: of the image, px.
     view: left or right.
@@ -79,7 +79,7 @@ class Tracer:
         self._values = self.mi.traverse(self._scene)
 
     def geometry(self, samples: int = 16) -> Geometry:
-        """Trace what is seen without water."""
+        """Trace the view without water."""
         ranges = self._ranges()
         reflectance = []
         for channel in range(3):
@@ -97,16 +97,16 @@ class Tracer:
         """Trace light.
 
         samples: paths for each pixel and channel.
-        black: surfaces reflect nothing: what is left is the veil.
-        through_water: False: surfaces as they are lit at this depth, with no water between them and
-            the camera; open water is 0.
-        Returns (H, W, 3) float32, where the sea's surface is 1.
+        black: surfaces reflect nothing, so that the image is the veil.
+        through_water: False: surfaces lit as at this depth, without water between them and the
+            camera; open water is 0.
+        Returns (H, W, 3) float32, in units of the sea surface's radiance.
         """
         image = np.zeros((self.height, self.width, 3), np.float32)
         for channel in range(3):
             self._dye(channel)
             self._paint(channel, black)
-            # Every image has noise of its own, the same for the same arguments.
+            # Every image has its own noise, which depends on the arguments only.
             seed = ((self.description.seed * 3 + channel) * 4 + 2 * black + (not through_water)
                     ) * 2 + (self._view == "right")
             name = "volpath" if through_water else "bare"
@@ -130,7 +130,7 @@ class Tracer:
             found = np.array([
                 self._scene.ray_intersect(mi.Ray3f(start, mi.Vector3f(*ray))).t
                 for ray in rays.tolist()])
-        # The shining surface is no part of the scene.
+        # The luminous sea surface does not count as a surface.
         top = self._eye[2] + found * rays[:, 2] > self._surface() - 1e-2
         found = np.where(np.isfinite(found) & ~top, found, np.nan)
         return np.asarray(found.reshape(self.height, self.width), np.float32)
@@ -145,7 +145,7 @@ class Tracer:
         self._values.update()
 
     def _dye(self, channel: int) -> None:
-        """Give water and lights the values of a channel."""
+        """Set water and lights to the values of a channel."""
         water, values = self.description.water, self._values
         values["water.sigma_t.value.value"] = float(water.beam_attenuation[channel])
         values["water.albedo.value.value"] = float(water.albedo[channel])
@@ -212,7 +212,7 @@ class Tracer:
 def fournier_forand_table(entries: int = PHASE_ENTRIES) -> Array:
     """Fournier-Forand phase function over the cosine of the scattering angle, -1 .. 1.
 
-    The table keeps what is scattered into each step, though the function has a pole at 0.
+    The last step has the right integral, although the function has a pole at angle 0.
 
     Returns (entries,) float64, 1/sr, at equal steps of the cosine; its integral over the sphere,
     linear between entries, is 1.
@@ -221,21 +221,21 @@ def fournier_forand_table(entries: int = PHASE_ENTRIES) -> Array:
     cosine = np.linspace(-1.0, 1.0, entries)
     table = fournier_forand(np.arccos(cosine[:-1]))
     within = 2.0 * math.pi * step * (table.sum() - 0.5 * (table[0] + table[-1]))
-    # The rest of 1 is in the last step, a trapezium.
+    # The last step, a trapezium, has the rest of the integral, which is 1.
     last = 2.0 * (1.0 - within) / (2.0 * math.pi * step) - table[-1]
     return np.asarray(np.append(table, max(last, table[-1])))
 
 
 def without_gaps(image: Image) -> Image:
-    """Fill pixels that are no number with the median of those around, (H, W, 3).
+    """Fill pixels that are not finite with the median of their neighbours, (H, W, 3).
 
-    One pixel in some 10,000 holds a path that met an edge in such a way that it has no direction.
+    In one of some 10,000 pixels a path hits an edge, so that its direction is undefined.
 
-    Raises `InputError` if these are more than one in a hundred: then the image means nothing.
+    Raises `InputError` if more than one in a hundred are not finite.
     """
     gaps = ~np.isfinite(image).all(axis=-1)
     if gaps.mean() > 0.01:
-        raise InputError(f"{gaps.mean():.0%} of the traced pixels are no number: render again")
+        raise InputError(f"{gaps.mean():.0%} of the traced pixels are not finite: render again")
     filled = image.copy()
     for row, column in np.argwhere(gaps):
         around = image[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2].reshape(-1, 3)
@@ -250,7 +250,7 @@ def _jit(mi: Any) -> bool:
 
 @lru_cache(maxsize=8)
 def integrator(mi: Any, name: str) -> Any:
-    """Return Mitsuba's integrator by its name here: volpath, bare, or first, of surfaces met."""
+    """Return Mitsuba's integrator: volpath, bare (see `Bare`), or first (of the first surface)."""
     water = {"type": "volpath", "max_depth": MOST_SCATTERED, "rr_depth": ROULETTE}
     if name == "volpath":
         return mi.load_dict(water)
@@ -258,7 +258,7 @@ def integrator(mi: Any, name: str) -> Any:
         return mi.load_dict({"type": "aov", "aovs": "nn:sh_normal,al:albedo"})
 
     class Bare(mi.SamplingIntegrator):
-        """Radiance of the first surface, with the water before it taken away."""
+        """Radiance of the first surface, without the water in front of it."""
 
         def __init__(self, properties: Any) -> None:
             super().__init__(properties)
@@ -281,16 +281,16 @@ def integrator(mi: Any, name: str) -> Any:
 
 
 def veil_guide(geometry: Geometry) -> Image:
-    """Return what a veil follows: range, (H, W, 3), 1 at the camera, 0 in open water."""
+    """Return the guide of a veil, (H, W, 3): it falls with range from 1 to 0 in open water."""
     far = np.where(np.isfinite(geometry.ranges), geometry.ranges, np.inf)
     return np.repeat(np.exp(-0.3 * far)[..., None], 3, axis=-1)
 
 
 def image_guide(surface: Image, geometry: Geometry, description: Description) -> Image:
-    """Return what an image in water follows: the surfaces' light that comes straight.
+    """Return the guide of an image in water: the surfaces' unscattered light.
 
-    Reflectance would be a guide to surfaces that water hides: its edges were found again in the
-    image, with up to three times the contrast of the raw image at the far end, and a horizon.
+    Reflectance is not suitable: it has edges of surfaces that water hides. They were copied to the
+    image, with up to three times the contrast of far surfaces in the raw image, and a horizon.
 
     surface: (H, W, 3), radiance of the surfaces.
     Returns (H, W, 3), 0 .. 1.
@@ -319,7 +319,7 @@ def render_scene(
     left, gain = _view(description, size, samples, "left", None, threads)
     write_view(folder, "left", left)
     if stereo:
-        # Both cameras have one exposure.
+        # Both cameras have the same exposure.
         right, _ = _view(description, size, samples, "right", gain, threads)
         write_view(folder, "right", right)
     write_truth(folder, truth_of(
@@ -331,7 +331,7 @@ def _view(
     description: Description, size: tuple[int, int], samples: int, view: str,
     gain: float | None, threads: int,
 ) -> tuple[dict[str, Array], float]:
-    """Return a view's arrays, and its gain: that which is given, or the image's own."""
+    """Return a view's arrays and its gain: the given one, or else `exposure` of its image."""
     tracer = Tracer(description, *size, view, threads)
     geometry = tracer.geometry()
     raw = tracer.radiance(samples)

@@ -1,8 +1,8 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is rendered: a water, a camera in it, and the sea floor before it, drawn by a seed.
+"""Random scenes to render: water, a camera, and the sea floor in front of it, by seed.
 
-The floor is a reef of the ray caster as a mesh, as fine as one camera sees it.
+The floor is a reef of the ray caster as a mesh, with the resolution of one camera.
 """
 
 from __future__ import annotations
@@ -31,41 +31,41 @@ WATER_ABSORPTION = np.array([0.2224, 0.0474, 0.00979])
 """Of pure water at `WAVELENGTHS`, 1/m. Pope and Fry 1997, doi 10.1364/AO.36.008710, table 3."""
 
 BEAM = (0.07, 0.5)
-"""Beam attenuation of any channel, 1/m: what the tracer's judgement is asked for (issue 30)."""
+"""Limits of the channels' beam attenuation, 1/m, in which estimators are tested (issue 30)."""
 
 ALBEDO = (0.2, 0.85)
-"""Single-scattering albedo of any channel; lower in red, where water itself absorbs."""
+"""Limits of the channels' single-scattering albedo; low in red, where water itself absorbs."""
 
 
 class Kind(NamedTuple):
-    """What stands before the camera, and how that looks at it."""
+    """Kind of scene: its objects, and the camera's tilt."""
 
-    stream: int  # of random numbers
+    stream: int  # number of the stream of random numbers
     tilt: tuple[float, float]  # limits of the camera's tilt below the horizon, degrees
-    boulders: float  # boulders, corals: of a square metre
+    boulders: float  # boulders, corals: number per square metre
     corals: float
 
 
 KINDS = {
     "boulders": Kind(0, (5.0, 60.0), 0.25, 0.0),
-    # Open water stays in view.
+    # Open water remains in view.
     "reef": Kind(2, (0.0, 25.0), 0.11, 0.28),
 }
 
 SECTOR = np.pi / 4.0
-"""Half of the directions that are seen, rad."""
+"""Half angle of the finely meshed sector in front of the camera, rad."""
 
 RINGS, SPOKES = 400, 560
-"""Of the floor's mesh."""
+"""Size of the floor's mesh."""
 
 FINENESS = (2, 60)
-"""Subdivisions of a thing's mesh over a right angle, at least and at most."""
+"""Least and largest number of subdivisions of an object's mesh over a right angle."""
 
 CLEARANCE = 0.6
-"""What comes nearer to the camera is left out, m."""
+"""Least distance of objects from the camera, m; nearer ones are left out."""
 
 DULL = (0.4, 0.9)
-"""Limits of the factor of a ground's reflectance: sand is not of one brightness everywhere."""
+"""Limits of a factor of the ground's reflectance: sand has different brightness by place."""
 
 FIELD_OF_VIEW, BASELINE = 60.0, 0.12
 """Horizontal, degrees; distance of the cameras, m."""
@@ -93,7 +93,7 @@ class Water:
 
 @dataclass(frozen=True)
 class Description:
-    """All that decides an image."""
+    """All that determines an image."""
 
     kind: str  # one of `KINDS`
     seed: int  # of geometry, textures and the tracer's samples
@@ -103,7 +103,7 @@ class Description:
     tilt: float  # of the camera below the horizon, degrees
     # radiance of the sea's surface from below, RGB, the same in all directions
     daylight: Triple = (1.0, 1.0, 1.0)
-    # none by day; their power is radiant intensity on the axis, where the surface's radiance is 1
+    # none by day; power is radiant intensity on the axis, in units of the sea surface's radiance
     lamps: tuple[Lamp, ...] = ()
 
     @property
@@ -113,7 +113,7 @@ class Description:
 
 
 def camera_of(width: int, height: int) -> StereoCamera:
-    """Return the cameras, of images of a size in px."""
+    """Return the cameras for an image size in px."""
     half = math.tan(math.radians(FIELD_OF_VIEW) / 2.0)
     return StereoCamera(width, height, width / (2.0 * half), BASELINE)
 
@@ -123,7 +123,7 @@ def draw_water(random: np.random.Generator) -> Water:
 
     Dissolved matter falls by e^(-0.014 (λ - 440 nm)) (Bricaud et al. 1981, doi
     10.4319/lo.1981.26.1.0043), scattering as λ^-η with η in 0 .. 1 (Boss et al. 2001, doi
-    10.1364/AO.40.004885). What is beyond `BEAM` or `ALBEDO` is drawn again.
+    10.1364/AO.40.004885). Waters beyond `BEAM` or `ALBEDO` are drawn again.
     """
     relative = np.array(WAVELENGTHS)
     while True:
@@ -156,7 +156,7 @@ def draw_scene(seed: int, kind: str, lamps: int = 0) -> Description:
 
     seed: 0 or more.
     kind: one of `KINDS`.
-    lamps: 0 for daylight; else lamps beside the camera, by night.
+    lamps: 0 for daylight; otherwise number of lamps beside the camera, at night.
     Returns the same for the same arguments.
     Raises `InputError` for an unknown kind.
     """
@@ -166,7 +166,7 @@ def draw_scene(seed: int, kind: str, lamps: int = 0) -> Description:
     water = draw_water(random)
     depth = math.exp(random.uniform(math.log(1.5), math.log(15.0)))
     tilt = random.uniform(*KINDS[kind].tilt)
-    # From 60 degrees down ranges are about the altitude, from the horizontal several times that.
+    # At a tilt of 60 degrees ranges are about the altitude, at 0 degrees several times that.
     altitude = random.uniform(1.0, 1.8) + random.uniform(0.0, 2.0) * tilt / 60.0
     description = Description(
         kind, seed, water, round(depth, 3), round(altitude, 3), round(tilt, 2))
@@ -179,7 +179,7 @@ def draw_scene(seed: int, kind: str, lamps: int = 0) -> Description:
 
 
 def ground_of(description: Description) -> Mesh:
-    """Return the mesh of a scene, below the surface and at least 0.5 m from the camera."""
+    """Return the mesh of a scene, all of it below the sea's surface."""
     kind = KINDS[description.kind]
     scene = reef(description.seed, 0.0, boulders=kind.boulders, corals=kind.corals)
     # The altitude is that over the floor below the camera.
@@ -201,11 +201,11 @@ class Mesh:
 
 
 def mesh_of(scene: Scene, eye: Array) -> Mesh:
-    """Return floor and things, as a camera above x = y = 0 looks at them ahead.
+    """Return floor and objects as a mesh, for a camera above x = y = 0 that looks ahead.
 
-    A capsule is an ellipsoid as long.
+    Capsules become ellipsoids of the same length.
 
-    eye: the camera's place, (3,), m.
+    eye: the camera's position, (3,), m.
     """
     points, spacing = polar_grid(0.2, 60.0, RINGS, SPOKES)
     parts, faces, met = [points], [grid_faces(RINGS, SPOKES)], [np.full(len(points), FLOOR)]
@@ -234,7 +234,7 @@ def mesh_of(scene: Scene, eye: Array) -> Mesh:
 def _paint(
     scene: Scene, eye: Any, met: Any, spacing: Any, vertices: Any, reflectance: Any
 ) -> None:
-    """Lift the floor's vertices to its height, and give all of them their reflectance."""
+    """Set the height of the floor's vertices, and the reflectance of all vertices."""
     seen = np.zeros(9)
     for k in range(len(vertices)):
         x, y = vertices[k, 0], vertices[k, 1]
@@ -260,10 +260,10 @@ def grid_faces(rows: int, columns: int) -> Array:
 def polar_grid(
     nearest: float, farthest: float, rings: int, rays: int,
 ) -> tuple[Array, Array]:
-    """Points of the plane at steps that grow with their distance, as pixels see them.
+    """Points of the plane with a spacing proportional to distance, as that of pixels.
 
     nearest, farthest: radii, m.
-    rings, rays: how many; an eighth of the rays is outside of `SECTOR`.
+    rings, rays: numbers; an eighth of the rays is outside of `SECTOR`.
     Returns `points`, (rings × rays, 3) float64, z = 0, m; `spacing`, (rings × rays,) float64,
     distance of neighbours, m.
     """
@@ -281,7 +281,7 @@ def polar_grid(
 
 @lru_cache(maxsize=FINENESS[1])
 def sphere(subdivisions: int) -> tuple[Array, Array]:
-    """Unit sphere, so many times divided over a right angle: vertices (N, 3), faces (M, 3)."""
+    """Unit sphere with so many subdivisions of a right angle: vertices (N, 3), faces (M, 3)."""
     rows, columns = 2 * subdivisions + 1, 4 * subdivisions + 1
     down, around = np.meshgrid(
         np.linspace(0.0, np.pi, rows), np.linspace(0.0, 2.0 * np.pi, columns), indexing="ij")

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m uw_visibility_lab.worlds`: make a pool of scenes, look at views of it."""
+"""`python -m uw_visibility_lab.worlds`: make a pool of scenes, or a contact sheet of its views."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _sheet(options: argparse.Namespace) -> None:
-    """Write views as they look, told sRGB as it is, linear encoded, with what they are."""
+    """Write views with their water and effects; linear ones are gamma-encoded for display."""
     scenes = pool(options.pool)
     tiles = []
     for number in range(options.count):

@@ -15,7 +15,7 @@ import numpy as np
 
 from uw_visibility.errors import InputError
 
-# Names of the two numbers that a form has, in the file's order.
+# Names of the two numbers of each form, as in the file.
 FORMS = {
     "uniform": ("low", "high"),
     "log-uniform": ("low", "high"),
@@ -31,18 +31,18 @@ FORMS = {
 class Belief:
     """Distribution of one quantity."""
 
-    name: str  # its place in the file, ``table.name``
+    name: str  # its key in the file, ``table.name``
     # one of `FORMS`; ``log-normal`` has the standard deviation of the natural logarithm, ``share``
-    # is the probability that something is so
+    # is the probability of an event
     form: str
-    # first, second: numbers of the form, in the order of `FORMS`; of a choice values and weights
+    # first, second: numbers of the form, in the order of `FORMS`; for a choice values and weights
     first: tuple[float, ...]
     second: tuple[float, ...]
     unit: str  # of the quantity; empty for a ratio
     source: str  # where the numbers come from
 
     def draw(self, rng: np.random.Generator) -> float:
-        """Draw one value, in the belief's unit; of a share 1.0 or 0.0."""
+        """Draw one value, in the belief's unit; for a share 1.0 or 0.0."""
         a, b = self.first[0], self.second[0]
         if self.form == "uniform":
             return a + (b - a) * rng.random()
@@ -67,7 +67,7 @@ def beliefs() -> dict[str, Belief]:
     Raises
     ------
     InputError
-        If an entry lacks its form, numbers, unit or source, or a number is out of place.
+        If an entry lacks its form, numbers, unit or source, or a number is invalid.
     """
     text = resources.files(__package__).joinpath("beliefs.toml").read_text(encoding="utf-8")
     return parse(text)
@@ -88,17 +88,17 @@ def draw(rng: np.random.Generator, name: str) -> float:
 
 
 def happens(rng: np.random.Generator, name: str) -> bool:
-    """Draw whether what a share is of is so."""
+    """Draw whether the event of a share happens."""
     return _get(name).draw(rng) > 0.0
 
 
 def count(rng: np.random.Generator, name: str) -> int:
-    """Draw a whole number of a belief by its name."""
+    """Draw an integer of a belief by its name."""
     return int(_get(name).draw(rng))
 
 
 def bounds(name: str) -> tuple[float, float]:
-    """Return both numbers of a belief that has one of each."""
+    """Return the two numbers of a belief that is not a choice."""
     belief = _get(name)
     return belief.first[0], belief.second[0]
 
@@ -130,7 +130,7 @@ def _belief(name: str, entry: dict[str, Any]) -> Belief:
     if form in ("uniform", "log-uniform", "integer") and not first[0] <= second[0]:
         raise InputError(f"belief {name} has its low end above its high one: exchange them")
     if form in ("log-uniform", "log-normal") and not first[0] > 0.0:
-        raise InputError(f"belief {name} is one of a logarithm: give numbers above 0")
+        raise InputError(f"belief {name} has the form {form}: give numbers above 0")
     if form == "share" and not 0.0 <= first[0] <= 1.0:
         raise InputError(f"belief {name} is a share: give a number from 0 to 1")
     if form == "choice" and (len(first) != len(second) or min(second) < 0 or sum(second) <= 0):

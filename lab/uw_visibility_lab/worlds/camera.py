@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Cameras of the worlds: their curve, balance, noise and codec."""
+"""Cameras of the random views: transfer curve, vignetting, noise, mosaic and codec."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from uw_visibility.images.arrays import Array, Map
 from uw_visibility_lab.simulation.camera import compress, interpolate_mosaic, lens_falloff
 from uw_visibility_lab.worlds.beliefs import draw
 
-# Steps of the tables that encode: 8 for a code of 16 bit is too many for a cache, 1 for a code of
-# 8 bit too few for the steep part of sRGB.
+# Entries of the encoding tables: 8 per code of 16 bit are too many for a cache, 1 per code of
+# 8 bit is too few for the steep part of sRGB.
 _STEPS = 1 << 16
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Transfer from irradiance to code, both 0..1, and beyond 1 as it goes on."""
+    """Transfer from irradiance to code, both 0..1, and continued beyond 1."""
 
     kind: str  # ``linear``, ``srgb``, ``gamma``, ``log`` or ``contrast``
     value: float = 0.0  # exponent of a gamma, a of log(1 + a x), strength of an S curve
@@ -47,7 +47,7 @@ class Curve:
             return np.asarray(np.maximum(light, 0.0) ** (1.0 / self.value))
         if self.kind == "log":
             return np.asarray(np.log1p(self.value * light) / np.log1p(self.value))
-        # An S on sRGB, as cameras for viewers have it.
+        # An S curve on sRGB, as in consumer cameras.
         code = Curve("srgb").encode(light)
         inside = np.clip(code, 0.0, 1.0)
         return np.asarray(code + self.value * (inside * inside * (3.0 - 2.0 * inside) - inside))
@@ -58,7 +58,7 @@ SRGB = Curve("srgb")
 
 
 def told_linear(curve: Curve, told: str, light: Array) -> Array:
-    """Irradiance, (3,), as an estimator sees it that is told the transfer `told`."""
+    """Irradiance, (3,), encoded by the curve and linearised by the declared transfer `told`."""
     code = curve.encode(np.asarray(light, np.float64))
     if told == "linear":
         return np.asarray(code)
@@ -66,7 +66,7 @@ def told_linear(curve: Curve, told: str, light: Array) -> Array:
 
 
 def draw_curve(rng: np.random.Generator, effects: tuple[str, ...]) -> tuple[Curve, str]:
-    """Draw the camera's true curve, and the transfer that the estimator is told."""
+    """Draw the camera's true curve, and the transfer that is declared to the estimator."""
     told = "srgb" if "srgb" in effects else "linear"
     if "foreign curve" not in effects:
         return (SRGB if told == "srgb" else LINEAR), told
@@ -86,20 +86,20 @@ def record(
     streams: Callable[[str], np.random.Generator], irradiance: Map, gains: Array, curve: Curve,
     effects: tuple[str, ...],
 ) -> NDArray[Any]:
-    """Turn irradiance into code values: lens, sensor, mosaic, curve, codec.
+    """Convert irradiance to code values: vignetting, noise, mosaic, curve, codec.
 
     Parameters
     ----------
     streams : callable
         Random generator by purpose.
     irradiance : (H, W, 3) float32 ndarray
-        With exposure and white balance, 1 is full scale; written over.
+        With exposure and white balance, 1 is full scale; overwritten.
     gains : (3,) float64 ndarray
-        Of white balance, which noise has too; only their ratios count.
+        Of white balance, for the noise; only their ratios matter.
     curve : Curve
         The camera's.
     effects : tuple of str
-        Those of ``draw.EFFECTS`` that are there.
+        Active effects, of ``draw.EFFECTS``.
 
     Returns
     -------
@@ -113,9 +113,9 @@ def record(
         rng = streams("noise")
         noise = draw(rng, "camera.noise") / 255.0
         read = noise * draw(rng, "camera.noise_read_share")
-        # Variance of shot noise goes with light; at middle grey, 0.5, both make up `noise`.
+        # Variance of shot noise is proportional to light; at 0.5 the total deviation is `noise`.
         shot = (noise * noise - read * read) / 0.5
-        # White balance multiplies what the sensor has read.
+        # White balance multiplies the noise of the sensor.
         gain = (gains / gains[1]).astype(np.float32)
         bits = np.frombuffer(rng.bytes(2 * irradiance.size), np.uint16).reshape(irradiance.shape)
         _add_noise(
@@ -151,14 +151,14 @@ def _encode(light: Any, table: Any, image: Any) -> None:
     for row in range(light.shape[0]):
         for column in range(light.shape[1]):
             for c in range(3):
-                # In this order NaN is black: as an index it is undefined.
+                # This order turns NaN into black; as an index it would be undefined.
                 value = min(max(np.float32(0.0), light[row, column, c]), np.float32(1.0))
                 image[row, column, c] = table[int(value * steps + np.float32(0.5))]
 
 
 @lru_cache(maxsize=1)
 def _normal_quantiles() -> NDArray[np.float32]:
-    """Quantiles of the normal distribution: one of 2^16 for each 16 random bits."""
+    """2^16 quantiles of the normal distribution, to be indexed by 16 random bits."""
     return ndtri((np.arange(1 << 16) + 0.5) / (1 << 16)).astype(np.float32)
 
 

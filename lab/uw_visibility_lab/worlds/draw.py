@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Random views of a scene under water, with their truth."""
+"""Random underwater views of a scene, with ground truth."""
 
 from __future__ import annotations
 
@@ -29,30 +29,30 @@ from uw_visibility_lab.worlds.water import PATHS, Water, draw_water
 EFFECTS: tuple[str, ...] = tuple(
     name.partition(".")[2] for name in believed.beliefs()
     if name.startswith(("effects.", "always.")) and name != "effects.plain")
-"""Names of what departs from the light model, a linear camera and exact ranges."""
+"""Names of departures from the light model, a linear camera and exact ranges."""
 
 RANDOM = "random"
 
-# Tangent of half a field of view of 53 degrees, for caustics alone.
+# Tangent of half a field of view of 53 degrees, for caustics only.
 _ACROSS = 0.5
-# Band averages and light in layers are looked up at so many ranges.
+# Number of ranges in lookup tables of band averages.
 _LOOKUP = 1024
-# The second is left out where the first is there.
+# Effects that exclude one another: the second is left out if the first is active.
 _EXCLUDING = (
     ("low light", "over-exposure"), ("jpeg", "16 bit"), ("grey", "red gone"),
     ("grey", "white balance"), ("grey", "grey world"))
-# What a large particle is brighter in sum: blurring by 1.5 px spreads it over 14 px.
+# Factor of a large particle's total light: a blur of 1.5 px spreads it over 14 px.
 _SPREAD = 12.0
-# A halo's near and its far part are blurred at a fraction of the resolution.
+# The near and the far part of a halo are blurred at resolutions reduced by these factors.
 _HALO_STEPS = (4, 16)
-# A view without this share of surfaces shows nothing but water.
+# Least share of surfaces in a cropped view.
 _LEAST_SURFACE = 0.05
 
 
 class Streams:
-    """Random numbers by purpose: what one effect draws changes nothing of the others.
+    """Random numbers by purpose: the draws of one effect do not change those of others.
 
-    So a view with an effect left out is the same view but for that.
+    So a view without an effect is otherwise the same view.
     """
 
     def __init__(self, rng: np.random.Generator) -> None:
@@ -64,24 +64,24 @@ class Streams:
 
 @dataclass(frozen=True)
 class View:
-    """What a camera records under water, what is told with it, and the truth."""
+    """An underwater image, the parameters declared with it, and the truth."""
 
     image: NDArray[Any]  # (H, W, 3) uint8 or uint16; RGB code values
     ranges: Map  # (H, W) float32; as measured, m along the line of sight; NaN where unknown
-    # told standard deviation of range over its square, 1/m; 0 for exact ranges
+    # declared standard deviation of range over range², 1/m; 0 for exact ranges
     range_error: float
-    transfer: str  # told: ``linear`` or ``srgb``
-    clear_water: Array  # (3,); told κ, 1/m
-    # (3,); true β, 1/m, of surfaces' light; where it varies, that whose e^(−βd) fits the
-    # transmission over the ranges in view best
+    transfer: str  # declared: ``linear`` or ``srgb``
+    clear_water: Array  # (3,); declared κ, 1/m
+    # (3,); true β, 1/m, of surfaces' light; where it varies, the best fit of e^(−βd) to the
+    # transmission over the ranges in view
     attenuation: Array
     # veil, light: (3,); true B and W, means over the view, in units of the image when linearised
-    # as told
+    # by the declared transfer
     veil: Array
     light: Array
     depth: float  # of the camera, m
-    open_water: Mask  # (H, W); where nothing but water is seen
-    effects: tuple[str, ...]  # those of `EFFECTS` that are there
+    open_water: Mask  # (H, W); pixels that show water only
+    effects: tuple[str, ...]  # active ones of `EFFECTS`
     scene: str  # its name
     curve: str  # name of the camera's true curve
 
@@ -99,23 +99,23 @@ def draw(
     Parameters
     ----------
     rng : numpy.random.Generator
-        Where all values come from: the same state gives the same view.
+        Source of all values: the same state gives the same view.
     scene : Scene
-        What is looked at; the view has its size.
+        The view has its size.
     effects : str or sequence of str
-        ``random`` draws them by their beliefs; else those of `EFFECTS` that are there.
+        ``random`` draws them by their beliefs; otherwise the active ones of `EFFECTS`.
     nearer : float
-        Factor of the median range that is drawn: the same state with another scene and another
-        factor is another frame of the same water by the same camera.
+        Factor of the drawn median range: with the same state, another scene and another factor
+        give another frame of the same water by the same camera.
     lamps : bool
-        Whether lamps of the vehicle light the view instead of daylight. There is no one veil and
-        light then.
+        Whether lamps of the vehicle light the view instead of daylight; `veil` and `light` are not
+        valid then.
 
     Returns
     -------
     View
-        E = W ρ e^(−βd) + B (1 − e^(−βd)) and what the effects make of it (Akkaynak and Treibitz
-        2018, doi 10.1109/CVPR.2018.00703).
+        E = W ρ e^(−βd) + B (1 − e^(−βd)), changed by the effects (Akkaynak and Treibitz 2018, doi
+        10.1109/CVPR.2018.00703).
 
     Raises
     ------
@@ -141,7 +141,7 @@ def draw(
     water = draw_water(
         streams("water"), spectrum="spectrum" in names, red_gone="red gone" in names)
     median = drawn(streams("distance"), "scene.distance")
-    # Where the clearest channel loses all, nobody takes pictures.
+    # No pictures are taken where even the clearest channel loses all light.
     path = drawn(streams("path"), "water.most_path")
     median = min(median, path / float(water.attenuation.min()))
     median *= nearer
@@ -196,7 +196,7 @@ def draw(
     gains_all = gains * (strength / max(top, 1e-12))
     irradiance *= gains_all.astype(np.float32)
     if "red gone" in names:
-        # Below black: what little is left is lost to the camera's black level.
+        # Below black: the remaining light is below the camera's black level.
         irradiance[..., 0] = -1.0
     curve, told = draw_curve(streams("curve"), names)
     image = record(streams, irradiance, gains, curve, names)
@@ -220,7 +220,7 @@ def _choose(rng: np.random.Generator, effects: str | Sequence[str]) -> tuple[str
     plain = happens(rng, "effects.plain")
     found = []
     for name in EFFECTS:
-        # Drawn even where the view is plain, so that the same seed gives the same others.
+        # Drawn for plain views, too, so that later draws of the seed do not change.
         always = f"always.{name}" in believed.beliefs()
         there = happens(rng, f"always.{name}" if always else f"effects.{name}")
         if there and (always or not plain):
@@ -232,7 +232,7 @@ def _choose(rng: np.random.Generator, effects: str | Sequence[str]) -> tuple[str
 
 
 def vary(rng: np.random.Generator, scene: Scene) -> tuple[Map, Map, Map]:
-    """Crop, mirror and vary a scene: reflectance, ranges, and how far rays go down a metre."""
+    """Crop, mirror and vary a scene: its reflectance, ranges, and `downward`."""
     height, width = scene.range.shape
     pitch = scene.pitch
     if math.isnan(pitch):
@@ -248,11 +248,11 @@ def vary(rng: np.random.Generator, scene: Scene) -> tuple[Map, Map, Map]:
         top, left = rng.integers(height - rows + 1), rng.integers(width - columns + 1)
         window = np.s_[top:top + rows, left:left + columns]
         part = ranges[window]
-        # A part that shows hardly more than open water tells nothing.
+        # Not if the part shows hardly anything but open water.
         if np.isfinite(part).mean() > _LEAST_SURFACE:
             size = (width, height)
             reflectance = cv2.resize(reflectance[window], size, interpolation=cv2.INTER_LINEAR)
-            # Between a near and a far surface there is none.
+            # No interpolation: there is no surface between a near and a far one.
             ranges = cv2.resize(part, size, interpolation=cv2.INTER_NEAREST)
             down = cv2.resize(down[window], size, interpolation=cv2.INTER_LINEAR)
     if happens(rng, "scene.mirror"):
@@ -278,7 +278,7 @@ def vary(rng: np.random.Generator, scene: Scene) -> tuple[Map, Map, Map]:
 
 
 def downward(height: int, width: int, focal_length: float, pitch: float, roll: float) -> Map:
-    """How far the line of sight of each pixel goes down a metre of range, (H, W) float32.
+    """Vertical drop of each pixel's line of sight per metre of range, (H, W) float32.
 
     Parameters
     ----------
@@ -287,7 +287,7 @@ def downward(height: int, width: int, focal_length: float, pitch: float, roll: f
     focal_length : float
         px.
     pitch, roll : float
-        rad below the horizon, and right side down.
+        rad, below the horizon and with the right side down.
     """
     x = ((np.arange(width) - (width - 1) / 2) / focal_length).astype(np.float32)
     y = ((np.arange(height) - (height - 1) / 2) / focal_length).astype(np.float32)[:, np.newaxis]
@@ -297,7 +297,7 @@ def downward(height: int, width: int, focal_length: float, pitch: float, roll: f
 
 
 def _open(rng: np.random.Generator, ranges: Map) -> Map:
-    """Take what is above a wavy line away."""
+    """Turn the view above a wavy line into open water."""
     height, width = ranges.shape
     points = drawn(rng, "place.open_water") + np.array([
         drawn(rng, "place.open_water_wave") for _ in range(8)])
@@ -307,9 +307,9 @@ def _open(rng: np.random.Generator, ranges: Map) -> Map:
 
 
 def _add_board(rng: np.random.Generator, reflectance: Map, ranges: Map) -> None:
-    """Hold a board before the scene: bright, near, plain or with dark fields.
+    """Put a board in front of the scene: bright, near, plain or with dark fields.
 
-    Most pixels then have one of two ranges, and what is near is bright: as by lamps, by day.
+    Most pixels then have one of two ranges, and near ones are bright in daylight, as under lamps.
     """
     height, width = ranges.shape
     median = float(np.median(ranges[np.isfinite(ranges)]))
@@ -333,7 +333,7 @@ def _add_board(rng: np.random.Generator, reflectance: Map, ranges: Map) -> None:
 
 
 def _add_fish(rng: np.random.Generator, reflectance: Map, ranges: Map) -> None:
-    """Put fish before the scene: ellipses nearer than what is behind, dark above, light below."""
+    """Put fish in front of the scene: ellipses, dark above and light below."""
     height, width = ranges.shape
     known = np.isfinite(ranges)
     median = float(np.median(ranges[known])) if known.any() else 1.0
@@ -358,7 +358,7 @@ def _add_fish(rng: np.random.Generator, reflectance: Map, ranges: Map) -> None:
 def _thicker(
     streams: Streams, names: tuple[str, ...], ranges: Map, down: Map, median: float
 ) -> Map | None:
-    """Factor of attenuation by pixel, (H, W, 1), of plume and layer; None for none."""
+    """Factor of each pixel's optical path by plume and layer, (H, W, 1); None without them."""
     if "plume" not in names and "layer" not in names:
         return None
     factor = np.ones(ranges.shape, np.float32)
@@ -377,7 +377,7 @@ def _thicker(
         rng = streams("layer")
         below = np.where(np.isfinite(ranges), ranges, np.float32(1e4)) * down
         top = np.float32(drawn(rng, "place.layer_top") * median)
-        # Share of the line of sight that lies under the layer's top.
+        # Share of the line of sight below the layer's top.
         share = np.clip(1.0 - top / np.maximum(below, 1e-6), 0.0, 1.0)
         factor += np.float32(drawn(rng, "place.layer")) * share
     return factor[..., np.newaxis]
@@ -387,7 +387,7 @@ def _transmissions(
     rng: np.random.Generator, names: tuple[str, ...], water: Water, ranges: Map,
     thicker: Map | None,
 ) -> tuple[Map, Map, Array]:
-    """Transmission of surfaces' light, what the veil lacks, (H, W, 3) each, and effective β."""
+    """Transmission of surfaces' light, 1 − veil / veil at infinity, (H, W, 3), and effective β."""
     known = np.isfinite(ranges)
     path = ranges[..., np.newaxis] if thicker is None else ranges[..., np.newaxis] * thicker
     veil_factor = None
@@ -416,12 +416,12 @@ def _transmissions(
 
 
 def _exp(exponent: NDArray[Any]) -> Map:
-    """e^x by OpenCV, which has e^(−inf) = 0 only for what is not too small."""
+    """e^x by OpenCV, with x of at least −80: for −inf its result is not always 0."""
     return np.asarray(cv2.exp(np.maximum(exponent, np.float32(-80.0))), np.float32)
 
 
 def _look_up(ranges: Map, logarithm: Array) -> Map:
-    """Look a table over `PATHS` up, in equal steps of the root of range, (H, W, 3); 0 at inf."""
+    """Look up a table over `PATHS` in equal steps of the root of range, (H, W, 3); 0 at inf."""
     known = np.isfinite(ranges)
     most = float(ranges[known].max())
     roots = np.linspace(0.0, math.sqrt(most), _LOOKUP)
@@ -443,7 +443,7 @@ def _light_map(
     near = np.where(known, ranges, np.float32(0.0))
     if "light gradient" in names:
         below = near * down
-        # Above the surface there is no more light.
+        # Light does not increase above the water's surface.
         below = np.maximum(below, np.float32(-water.depth))[..., np.newaxis]
         found = np.asarray(cv2.exp(below * -water.diffuse.astype(np.float32)))
         found *= 1.0 + np.float32(
@@ -484,7 +484,7 @@ def _caustics(rng: np.random.Generator, ranges: Map, down: Map, columns: Map) ->
 
 
 def scatter_forward(rng: np.random.Generator, direct: Map, transmission: Map) -> Map:
-    """Blur surfaces' light the more, the longer its optical path is."""
+    """Blur surfaces' light in proportion to its optical path."""
     height = direct.shape[0]
     sigma = drawn(rng, "place.blur") * height / SIZE[0]
     optical = -cv2.log(np.maximum(transmission[..., 1], 1e-6))
@@ -499,11 +499,11 @@ def scatter_forward(rng: np.random.Generator, direct: Map, transmission: Map) ->
 
 
 def _add_halo(rng: np.random.Generator, direct: Map, ranges: Map, rate: Array) -> Map:
-    """Spread what is scattered by small angles over the surroundings; light is conserved.
+    """Spread light that is scattered by small angles over the surroundings; light is conserved.
 
-    Sharp light falls by β + `rate`, and the sum of both by β (Jaffe 1990, doi:10.1109/48.50695,
-    with the part e^(−βd) − e^(−cd) that is blurred). So contrast falls faster than the surfaces'
-    light does. β stays that of even surroundings, which lose as much to others as they gain.
+    Sharp light falls with β + `rate`, and the sum of sharp and blurred light with β (Jaffe 1990,
+    doi:10.1109/48.50695, with the blurred part e^(−βd) − e^(−cd)). So contrast falls faster than
+    light. The true β is that of even surroundings, which gain as much light as they lose.
     """
     known = np.isfinite(ranges)
     near = np.where(known, ranges, np.float32(0.0))[..., np.newaxis]
@@ -542,7 +542,7 @@ def _add_snow(rng: np.random.Generator, irradiance: Map, light: Array) -> None:
 def _grey(
     irradiance: Map, attenuation: Array, veil: Array, light: Array, ranges: NDArray[np.float32]
 ) -> tuple[Map, Array, Array, Array]:
-    """Mix the channels to one, as a monochrome camera has it; truth is that of the mixture."""
+    """Mix the channels into one, as in a monochrome camera; the truth is that of the mixture."""
     step = max(len(ranges) // 2000, 1)
     some = ranges[::step].astype(np.float64)
     decay = np.exp(-np.outer(some, attenuation)) @ (light / light.sum())
@@ -570,7 +570,7 @@ def _balance(streams: Streams, names: tuple[str, ...], irradiance: Map) -> Array
 
 
 def _exposure(rng: np.random.Generator, names: tuple[str, ...]) -> float:
-    """Draw the code that the brightest pixels come to, 1 is the largest."""
+    """Draw the irradiance of the brightest pixels; 1 is full scale."""
     if "low light" in names:
         return drawn(rng, "camera.low_light")
     if "over-exposure" in names:

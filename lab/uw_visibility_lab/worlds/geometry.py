@@ -1,9 +1,9 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Rays against a relief and simple shapes, and what colour is met: kernels of procedural scenes.
+"""Kernels of procedural scenes: ray casting of a relief and simple shapes, and their colours.
 
-World axes: x right, y ahead, z up, in heights of the camera above the ground; the camera is at
-(0, 0, 1).
+World axes: x right, y ahead, z up. The unit of length is the height of the camera above the
+ground; the camera is at (0, 0, 1).
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from uw_visibility_lab.simulation.noise import fractal_noise
 from uw_visibility_lab.simulation.raycast import meet_ground, nearest_shape, relief_height
 from uw_visibility_lab.simulation.shapes import shape_normal
 
-# A row of a material: pattern, two colours (3 each), cell and sharpness of the pattern, coarse and
-# fine variation of brightness, persistence, picture (-1 for none) and metres a picture covers.
+# Columns of a material's row: pattern, two colours (3 each), cell and sharpness of the pattern,
+# coarse and fine variation of brightness, persistence, picture (-1 for none) and its width.
 MIXED, CHECKED, STRIPED = 0, 1, 2
 """Patterns: two colours by fractal noise, by a checkerboard, by stripes."""
 
@@ -31,9 +31,10 @@ LEVELS = 6
 FINE_CELL = 0.02
 """Cell of the fine variation of brightness, in heights of the camera: gravel, polyps."""
 
+
 @njit(nogil=True, error_model="numpy")
 def sample_picture(pictures: Any, index: int, u: float, v: float, pixel: float, out: Any) -> None:
-    """Interpolate a picture at (u, v), repeated every 1, as coarse as a pixel is wide there."""
+    """Interpolate a picture of period 1 at (u, v), at the level for a pixel's width there."""
     size = TEXTURE
     offset = 0
     level = 0
@@ -59,12 +60,12 @@ def paint(
     material: Any, lattice: Any, pictures: Any, x: float, y: float, z: float, nx: float, ny: float,
     nz: float, pixel: float, out: Any,
 ) -> None:
-    """Albedo of a material at a point whose normal is n, RGB into `out`; `pixel`: width there."""
+    """Write a material's albedo, RGB, to `out`, by point, normal and width of a pixel there."""
     cell = material[7]
     persistence = material[11]
     if material[12] >= 0.0:
         cover = material[13]
-        # Along the axis that the surface faces most.
+        # The picture is projected along the axis that is closest to the normal.
         ax, ay, az = abs(nx), abs(ny), abs(nz)
         if az >= ax and az >= ay:
             u, v = x, y
@@ -107,10 +108,10 @@ def cast(
     """Render a procedural scene.
 
     directions: (H, W, 3) unit vectors. shapes: (n, SHAPE_COLUMNS). relief, hollow: (m, m) heights
-    and the light that hollows leave, over `size`. most: range beyond which nothing is met.
-    materials: (k, 14). ground: indices of its two materials, which change by noise
-    of `ground_cell`. pictures: (p, pixels of all levels, 3). sun: (3,) towards it. ambient: share
-    of light that is even. reflectance (H, W, 3), ranges (H, W): written, inf for nothing.
+    and brightness of the ground, over `size`. most: largest range. materials: (k, 14). ground:
+    indices of its two materials, which alternate by noise of `ground_cell`. pictures:
+    (p, pixels of all levels, 3). sun: (3,), unit vector towards it. ambient: share of even light.
+    reflectance (H, W, 3), ranges (H, W): output; 0 and inf in open water.
     """
     height, width = directions.shape[:2]
     colour, normal = np.zeros(3), np.zeros(3)
@@ -154,7 +155,7 @@ def cast(
                 material = int(shape[17])
                 bump = shape[18]
                 if bump > 0.0:
-                    # Lumps: they move the surface along the line of sight and tilt its normal.
+                    # Lumps move the surface along the line of sight and tilt its normal.
                     lump = 0.35 * shape[16]
                     n0 = fractal_noise(lattice, x, y, z, lump, 4, 0.5, t * pixel_angle)
                     e = 0.1 * lump
@@ -191,7 +192,7 @@ def cast(
 
 
 def picture_levels(picture: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Stack a picture's levels, each of half the side, as `sample_picture` reads them.
+    """Stack a picture's levels, each of half the side, for `sample_picture`.
 
     Parameters
     ----------

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random lamps of a vehicle at night, and their light on a view.
 
-Single scattering (Jaffe 1990, doi:10.1109/48.50695) without the package's tables, so that it can
-judge what is estimated by them.
+Single scattering (Jaffe 1990, doi:10.1109/48.50695) without the package's tables, for an
+independent check of estimates by them.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ TWO_TERMS = "two terms"
 """Phase function of two terms of Henyey and Greenstein (Haltrin 2002, doi:10.1364/AO.41.001022)."""
 PHASES = (HENYEY_GREENSTEIN, FOURNIER_FORAND)
 
-# Forward and backward asymmetry of two terms, and the part that is scattered by the second: so that
-# 2.3 % is scattered back, Petzold's 1.8 % and more.
+# Forward and backward asymmetry of the two terms, and the weight of the second: 2.3 % is scattered
+# back, which is more than Petzold's 1.8 %.
 _FORWARD, _BACKWARD, _SECOND = 0.95, -0.4, 0.015
-# How bright the rim is over the middle, where it is and how wide, in half angles.
+# Rim: added brightness, place and width in half angles; exponent of the fall beyond the beam.
 _RIM, _RIM_AT, _RIM_WIDTH, _EDGE = 0.25, 0.75, 0.15, 10
-# Wider than this a power of the cosine has no half angle, rad.
+# Largest half angle of a cosine beam, rad: at 90 degrees its exponent is 0.
 _WIDEST = math.radians(80.0)
-# Scattered light is smooth: it is calculated in every so many-th row and column.
+# Scattered light is smooth: it is calculated at every `_STEP`-th row and column.
 _STEP = 4
 _NODES = 32
 
 
 class Rig(NamedTuple):
-    """Lamps, the form of their beams, and how the water spreads their light."""
+    """Lamps, the water's scattering b (1/m, RGB) and phase function, and the beams' shape."""
 
     lamps: tuple[Lamp, ...]
     scattering: Array
@@ -54,7 +54,7 @@ class Rig(NamedTuple):
 
 
 def draw_lamps(rng: np.random.Generator) -> tuple[Lamp, ...]:
-    """Draw lamps beside the camera, which point to one place before it."""
+    """Draw lamps around the camera, which point to one place in front of it."""
     colour = np.array([draw(rng, "lamps.colour") for _ in range(3)])
     beam = draw(rng, "lamps.beam")
     target = np.array((0.0, 0.0, draw(rng, "lamps.target")))
@@ -71,14 +71,14 @@ def draw_lamps(rng: np.random.Generator) -> tuple[Lamp, ...]:
 def light_by_lamps(
     rng: np.random.Generator, reflectance: Map, ranges: Map, attenuation: Array
 ) -> tuple[Map, Map]:
-    """Light of random lamps by surfaces and by the water, (H, W, 3) float32 each.
+    """Light of random lamps from surfaces and from the water, (H, W, 3) float32 each.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     reflectance : (H, W, 3) float32 ndarray
     ranges : (H, W) float32 ndarray
-        m; inf where nothing is.
+        m; inf in open water.
     attenuation : (3,) float64 ndarray
         β, 1/m.
     """
@@ -94,7 +94,7 @@ def light_by_lamps(
 def rays_of(shape: tuple[int, ...], focal_length: float) -> Array:
     """Unit directions of an image's pixels, (H, W, 3); focal length in widths of the image."""
     height, width = shape[:2]
-    # Of one camera: the baseline does not matter.
+    # The baseline does not matter for the rays.
     rig = StereoRig(focal_length * width, 1.0, (0.5 * (width - 1), 0.5 * (height - 1)))
     return rig.ray_directions((height, width))
 
@@ -110,7 +110,7 @@ def scattered_light(rays: Array, ranges: Map, rig: Rig, attenuation: Array) -> M
     for lamp in rig.lamps:
         place = np.array(lamp.position)
         along = few @ place
-        # In t with s − along = h tan t, ds / r² is dt / h (Kulla and Fajardo 2012).
+        # The substitution s − along = h tan t turns ds / r² into dt / h (Kulla and Fajardo 2012).
         h = np.sqrt(np.maximum(place @ place - along**2, 1e-8))
         first, last = np.arctan2(-along, h), np.arctan((distance - along) / h)
         half, middle = 0.5 * (last - first), 0.5 * (last + first)
@@ -130,20 +130,20 @@ def scattered_light(rays: Array, ranges: Map, rig: Rig, attenuation: Array) -> M
 
 
 def cosine_beam(cosine: Array, angle: float) -> Array:
-    """Beam as of bare diodes, a power of the cosine; see `gaussian_beam`."""
+    """Beam of bare diodes, a power of the cosine; see `gaussian_beam`."""
     half = min(math.radians(angle) / 2.0, _WIDEST)
     return np.asarray(np.maximum(cosine, 0.0) ** (math.log(0.5) / math.log(math.cos(half))))
 
 
 def rimmed_beam(cosine: Array, angle: float) -> Array:
-    """Beam as of reflectors, flat with a bright rim; see `gaussian_beam`."""
+    """Beam of a reflector, flat with a bright rim; see `gaussian_beam`."""
     at = np.arccos(np.clip(cosine, -1.0, 1.0)) / (math.radians(angle) / 2.0)
     bright = 1.0 + _RIM * np.exp(-(((at - _RIM_AT) / _RIM_WIDTH) ** 2))
     return np.asarray(bright / (1.0 + at**_EDGE))
 
 
 def phase_function(name: str, angle: Array) -> NDArray[np.float64]:
-    """Phase function, 1/sr, over the scattering angle, rad."""
+    """Phase function, 1/sr, at scattering angles in rad."""
     if name == TWO_TERMS:
         forward, backward = (henyey_greenstein(angle, g) for g in (_FORWARD, _BACKWARD))
         return np.asarray((1.0 - _SECOND) * forward + _SECOND * backward)
@@ -152,7 +152,7 @@ def phase_function(name: str, angle: Array) -> NDArray[np.float64]:
 
 
 def normals_of(rays: Array, ranges: Map) -> Array:
-    """Unit normals towards the camera of the surfaces in view, (H, W, 3)."""
+    """Unit normals of the surfaces in view, facing the camera, (H, W, 3)."""
     points = rays * np.where(np.isfinite(ranges), ranges, 1e3)[..., np.newaxis]
     points = cv2.GaussianBlur(points.astype(np.float32), (0, 0), 2)
     down, right = np.gradient(points.astype(np.float64), axis=(0, 1))

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Random frames by lamps that are known, or known wrongly, with their truth."""
+"""Random frames under lamps with ground truth; the lamps are declared with or without errors."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ EFFECTS = (
     "cosine beam", "rimmed beam", "fournier-forand", "two terms", "facing", "rough", "patches",
     "blur", "beam angle", "misplaced", "unequal", "gaps",
 )
-"""What departs from Gaussian beams that are told as they are, from the phase function of the
-package, from Lambert's surfaces and from exact ranges."""
+"""Departures from correctly declared lamps with Gaussian beams, from the package's phase function,
+from Lambertian surfaces and from exact ranges."""
 
-# Exclude one another: those of a group after the first that is there are left out.
+# Effects that exclude one another: the second is left out if the first is active.
 _GROUPS = (("facing", "rough"), ("cosine beam", "rimmed beam"), ("fournier-forand", "two terms"))
 _RANGING = ("disparity noise", "wrong patches", "occlusion", "unmatched")
-# How far misplaced lamps are off: m, degrees.
+# Errors of misplaced lamps: position, m, and direction, degrees.
 _SHIFT, _TURN = 0.05, 5.0
 _WAVES = 12
 
 
 @dataclass(frozen=True)
 class Night:
-    """A frame by lamps, what is told with it, and the truth."""
+    """A frame under lamps, the declared parameters, and the truth."""
 
     image: NDArray[Any]  # (H, W, 3) uint8; linear RGB code values
     ranges: Map  # (H, W) float32; as measured, m; NaN where unknown
-    range_error: float  # told standard deviation of range over its square, 1/m
+    range_error: float  # declared standard deviation of range over range², 1/m
     focal_length: float  # in widths of the image
-    clear_water: Array  # (3,); told κ, 1/m
-    lighting: dict[str, Any]  # the lamps as they are told, by names of parameters
+    clear_water: Array  # (3,); declared κ, 1/m
+    lighting: dict[str, Any]  # declared parameters of the lamps, by name
     attenuation: Array  # (3,); true β, 1/m
 
 
@@ -57,20 +57,20 @@ def draw_night(
     rng: np.random.Generator, scene: Scene, effects: Sequence[str] | None = None,
     daylight: float | None = None, contrast: float = 1.0,
 ) -> Night:
-    """Draw a frame of a scene by lamps.
+    """Draw a frame of a scene under lamps.
 
     Parameters
     ----------
     rng : numpy.random.Generator
-        The same state gives the same frame, but for the effects.
+        The same state gives the same frame, apart from the effects.
     scene : Scene
     effects : sequence of str or None
-        Those of `EFFECTS` that are there; None draws each with the belief ``lamps.effect``.
+        Active ones of `EFFECTS`; None draws each with the belief ``lamps.effect``.
     daylight : float or None
-        Share of daylight in the surfaces' light at the median range, 0 to below 1; the lamps are
-        told as lighting the scene beside daylight then. None for night, told as such.
+        Share of daylight in the surfaces' light, averaged over the view, 0 to below 1; both lamps
+        and daylight are declared. None: night, and lamps alone are declared.
     contrast : float
-        Exponent of reflectance over its median: 0 for even ground.
+        Exponent of reflectance relative to its median: 0 for even ground.
     """
     streams = Streams(rng)
     chosen = streams("effects")
@@ -82,7 +82,7 @@ def draw_night(
     reflectance, ranges, _ = vary(streams("scene"), scene)
     known = np.isfinite(ranges)
     if contrast != 1.0:
-        # Where nothing is, reflectance is 0, which says nothing of the ground's.
+        # Open water has a reflectance of 0, which is not that of ground.
         middle = np.maximum(np.median(reflectance[known], axis=0), 1e-3)
         over_middle = np.maximum(reflectance, 1e-3) / middle
         reflectance = (middle * over_middle**contrast).astype(np.float32)
@@ -90,7 +90,7 @@ def draw_night(
     particles = _particles(streams("particles"))
     beta = water.clear_water + particles
     median = draw(streams("distance"), "lamps.distance")
-    # Light goes there and back.
+    # Lamp light covers the range twice.
     median = min(median, 0.5 * draw(streams("path"), "water.most_path") / float(beta.min()))
     ranges *= np.float32(median / float(np.median(ranges[known])))
     focal = scene.focal_length
@@ -121,10 +121,10 @@ def draw_night(
     image = record(streams, irradiance, np.ones(3), LINEAR, ("noise",))
     measured, error = measure_ranges(
         streams, ranges, image, _RANGING if "gaps" in names else ())
-    told = _told(streams("told"), names, rig.lamps)
+    declared = _declared(streams("told"), names, rig.lamps)
     return Night(
         image, measured, error, focal, water.clear_water,
-        lighting_parameters(told, daylight is not None), beta)
+        lighting_parameters(declared, daylight is not None), beta)
 
 
 def _particles(rng: np.random.Generator) -> Array:
@@ -137,7 +137,7 @@ def _draw_rig(
     rng: np.random.Generator, names: tuple[str, ...], particles: Array
 ) -> by_lamps.Rig:
     lamps = by_lamps.draw_lamps(rng)
-    # Clear water absorbs red, and hardly scatters.
+    # Clear water hardly scatters.
     scattering = particles * np.array([draw(rng, "lamps.albedo") for _ in range(3)])
     beams = {"cosine beam": by_lamps.cosine_beam, "rimmed beam": by_lamps.rimmed_beam}
     phases = {"fournier-forand": FOURNIER_FORAND, "two terms": by_lamps.TWO_TERMS}
@@ -146,10 +146,10 @@ def _draw_rig(
     return by_lamps.Rig(lamps, scattering, phase, beam)
 
 
-def _told(
+def _declared(
     rng: np.random.Generator, names: tuple[str, ...], lamps: tuple[Lamp, ...]
 ) -> tuple[Lamp, ...]:
-    """The lamps as they are told."""
+    """Return the lamps as declared, with their errors."""
     if "misplaced" in names:
         lamps = misplaced(lamps, _SHIFT, _TURN, int(rng.integers(1 << 31)))
     if "beam angle" in names:
@@ -158,15 +158,15 @@ def _told(
             replace(lamp, beam_angle=min(lamp.beam_angle * wider, 350.0)) for lamp in lamps)
     if "unequal" in names:
         mean = np.mean([lamp.power for lamp in lamps], axis=0)
-        told = [draw(rng, "lamps.power_error") * mean for _ in lamps]
+        powers = [draw(rng, "lamps.power_error") * mean for _ in lamps]
         lamps = tuple(
             replace(lamp, power=vector(p))
-            for lamp, p in zip(lamps, told, strict=True))
+            for lamp, p in zip(lamps, powers, strict=True))
     return lamps
 
 
 def _patches(rng: np.random.Generator, rays: Array, ranges: Map) -> Map:
-    """Factor of reflectance that varies from metre to metre of the scene, (H, W, 1) float32."""
+    """Factor of reflectance that varies over metres of the scene, (H, W, 1) float32."""
     points = rays * np.where(np.isfinite(ranges), ranges, 1.0)[..., np.newaxis]
     total = np.zeros(ranges.shape)
     for _ in range(_WAVES):

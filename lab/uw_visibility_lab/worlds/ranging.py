@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Ranges as they are measured: noise, scale, wrong patches, unmatched pixels, meshes."""
+"""Measured ranges: noise, scale, wrong patches, unmatched pixels, meshes."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from uw_visibility.images.arrays import Map, Mask
 from uw_visibility_lab.worlds.beliefs import draw, happens
 
 REFERENCE_WIDTH = 320.0
-"""Width of the image that beliefs in px are of."""
+"""Width of the image to which beliefs in px refer."""
 
-# What a disparity of 0 or less is taken for, px.
+# Lower limit of noisy disparities, px.
 _LEAST_DISPARITY = 0.05
 WINDOW = 7
 """Side of the window in which a matcher looks for texture, px."""
@@ -27,7 +27,7 @@ def measure_ranges(
     streams: Callable[[str], np.random.Generator], truth: Map, image: NDArray[Any],
     effects: tuple[str, ...],
 ) -> tuple[Map, float]:
-    """Measure a view's ranges as a stereo matcher or a mesh does.
+    """Simulate a view's ranges as measured by a stereo matcher or a mesh.
 
     Parameters
     ----------
@@ -36,16 +36,16 @@ def measure_ranges(
     truth : (H, W) float32 ndarray
         True ranges, m; inf in open water.
     image : (H, W, 3) uint8 or uint16 ndarray
-        What the camera recorded: where it has no texture, nothing is matched.
+        The recorded image: pixels without texture are not matched.
     effects : tuple of str
-        Those of ``draw.EFFECTS`` that are there; others than of ranges are not looked at.
+        Active effects, of ``draw.EFFECTS``; only those of ranges are used.
 
     Returns
     -------
     ranges : (H, W) float32 ndarray
         m, NaN where unknown.
     range_error : float
-        Told standard deviation of range over its square, 1/m; 0 where ranges are exact.
+        Declared standard deviation of range over range², 1/m; 0 for exact ranges.
     """
     width = truth.shape[1]
     known = np.isfinite(truth)
@@ -62,7 +62,7 @@ def measure_ranges(
     elif "unmatched" in effects and not known.all() and happens(
         rng := streams("open matched"), "range.open_matched"
     ):
-        # A matcher that finds something in open water finds it in specks.
+        # Wrong matches in open water are in specks.
         specks = _blobs(rng, truth.shape, draw(rng, "range.wrong_size"), 0.1) & ~known
         ranges[specks] = median * np.float32(draw(rng, "range.wrong_factor"))
         matched |= specks
@@ -95,7 +95,7 @@ def measure_ranges(
 
 
 def occluded(truth: Map, product: float) -> Mask:
-    """Tell which pixels of the left view the right one does not see.
+    """Mark the pixels of the left view that the right camera does not see.
 
     Parameters
     ----------
@@ -107,18 +107,18 @@ def occluded(truth: Map, product: float) -> Mask:
     Returns
     -------
     (H, W) bool ndarray
-        Pixels that nearer ones hide, and those beyond the right image's left edge.
+        Pixels hidden by nearer ones, and those beyond the right image's left edge.
     """
     place = np.arange(truth.shape[1], dtype=np.float32) - np.float32(product) / truth
     nearest = np.minimum.accumulate(place[:, ::-1], axis=1)[:, ::-1]
     hidden = np.zeros(truth.shape, bool)
-    # Half a pixel: slanted surfaces crowd their pixels without hiding any.
+    # Tolerance of half a pixel: slanted surfaces compress their pixels without hiding any.
     hidden[:, :-1] = nearest[:, 1:] < place[:, :-1] - 0.5
     return np.asarray(hidden | (place < 0.0))
 
 
 def _mesh(rng: np.random.Generator, ranges: Map, *, spans: bool) -> Map:
-    """Interpolate inverse range between points; over open water too where `spans`."""
+    """Interpolate inverse range between random points; with `spans` over open water, too."""
     height, width = ranges.shape
     step = draw(rng, "range.mesh") * width / REFERENCE_WIDTH
     rows, columns = (max(round(n / step), 4) for n in (height, width))
@@ -128,7 +128,7 @@ def _mesh(rng: np.random.Generator, ranges: Map, *, spans: bool) -> Map:
     seen = np.isfinite(points)
     inverse = np.where(seen, 1.0 / np.where(seen, points, 1.0), 0.0).astype(np.float32)
     weight = seen.astype(np.float32)
-    # Points that are not there take their neighbours' mean, from near to far.
+    # Unknown points get the mean of their known neighbours, step by step.
     for _ in range(max(rows, columns)):
         if seen.all() or not seen.any():
             break
@@ -145,11 +145,11 @@ def _mesh(rng: np.random.Generator, ranges: Map, *, spans: bool) -> Map:
 
 
 def _textured(rng: np.random.Generator, image: NDArray[Any]) -> Mask:
-    """Draw which pixels a matcher finds: those whose local contrast stands out of the noise."""
+    """Draw which pixels are matched: those whose local contrast exceeds the noise."""
     top = np.float32(1.0 / np.iinfo(image.dtype).max)
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32) * top
     steps = np.abs(grey[:, 2:] - np.float32(2.0) * grey[:, 1:-1] + grey[:, :-2])
-    # Noise of second differences: what the least textured tenth has, at least rounding's.
+    # Noise of second differences, from the least textured tenth of pixels, and rounding.
     least = float(np.quantile(steps[::3, ::3], 0.1)) * 1.5 + 0.5 / 255.0
     contrast = cv2.blur(np.abs(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.25)), (WINDOW, WINDOW))
     level = np.float32(draw(rng, "range.texture") * least * 0.5)
@@ -160,7 +160,7 @@ def _textured(rng: np.random.Generator, image: NDArray[Any]) -> Mask:
 def _correlated(
     rng: np.random.Generator, shape: tuple[int, ...], cell: float
 ) -> NDArray[np.float32]:
-    """Draw Gaussian noise of standard deviation 1, alike within cells of that size in px."""
+    """Draw Gaussian noise of standard deviation 1, interpolated between points `cell` px apart."""
     height, width = shape[:2]
     rows, columns = (max(int(n / cell), 2) for n in (height, width))
     small = rng.standard_normal((rows, columns), dtype=np.float32)

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes without water: reflectance and range of a view, recorded or made."""
+"""Scenes without water: reflectance and range of a view, recorded or synthetic."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ SIZE = (240, 320)
 """Rows and columns of a scene."""
 
 NATURAL = ("sand", "rock", "rock", "algae", "coral", "coral", "silt")
-"""Kinds of materials of natural things; those named twice are twice as frequent."""
+"""Kinds of natural materials; those named twice are twice as frequent."""
 BRANCHED, MASSIVE = 0.0, 1.0
-"""Forms of corals, as ``shape.coral_form`` has them; the other one is a plate."""
+"""Forms of corals, values of ``shape.coral_form``; the third one is a plate."""
 
 MADE = ("metal", "board", "board")
 
@@ -61,10 +61,10 @@ class Scene:
     kind: str  # ``procedural``, ``picture on a plane``, ``rgbd``
     # (H, W, 3) float32; linear, 0..1, RGB: albedo and the shading of its surface
     reflectance: Map
-    range: Map  # (H, W) float32; m along the line of sight; inf where nothing is
-    pitch: float = math.nan  # of the camera, rad below the horizon; NaN where not known
+    range: Map  # (H, W) float32; m along the line of sight; inf in open water
+    pitch: float = math.nan  # of the camera, rad below the horizon; NaN if unknown
     roll: float = 0.0  # of the camera, rad, right side down
-    focal_length: float = math.nan  # in widths of the image; NaN where not known
+    focal_length: float = math.nan  # in widths of the image; NaN if unknown
 
 
 def middlebury(folder: Path) -> Scene:
@@ -73,8 +73,8 @@ def middlebury(folder: Path) -> Scene:
     Parameters
     ----------
     folder : Path
-        As `uw_visibility_lab.evaluation.degrade.load_scene` has it. Pixels without disparity are
-        filled by `fill_from_background`.
+        See `uw_visibility_lab.evaluation.degrade.load_scene`. Pixels without disparity are filled
+        by `fill_from_background`.
 
     Raises
     ------
@@ -96,9 +96,9 @@ def procedural(
     Parameters
     ----------
     rng : numpy.random.Generator
-        Where all values come from.
+        Source of all values.
     pictures : sequence of (TEXTURE, TEXTURE, 3) float32 ndarray
-        Linear colours that objects may be painted with; see `read_pictures`.
+        Textures of objects, in linear colours; see `read_pictures`.
     size : (int, int)
         Rows and columns.
 
@@ -114,14 +114,14 @@ def procedural(
         scene = _Builder(rng, pictures, size).scene()
         seen = np.isfinite(scene.range)
         near = scene.range < _TOO_NEAR * np.median(scene.range[seen]) if seen.any() else seen
-        # An object before the lens, or hardly anything but water, is no view to learn from.
+        # Views of an object close to the lens, or of hardly anything but water, are of no use.
         if seen.mean() > _LEAST_SEEN and near.mean() < _MOST_NEAR:
             return scene
-    raise InputError("no scene came out that shows enough: check the beliefs under [procedural]")
+    raise InputError("no drawn scene shows enough surfaces: check the beliefs under [procedural]")
 
 
-# A scene is drawn again unless this share shows surfaces, and while more than that share is nearer
-# than this part of the median range.
+# Number of attempts to draw a scene; least share of pixels with surfaces, largest share of pixels
+# that are too near, and limit of "too near" as a part of the median range.
 _TRIES = 50
 _LEAST_SEEN, _MOST_NEAR, _TOO_NEAR = 0.2, 0.3, 0.1
 
@@ -129,7 +129,7 @@ _LEAST_SEEN, _MOST_NEAR, _TOO_NEAR = 0.2, 0.3, 0.1
 def _picture_plane(
     rng: np.random.Generator, pictures: Sequence[Map], size: tuple[int, int]
 ) -> Scene:
-    """Paint a picture onto a tilted plane with smooth relief, texture of the whole image."""
+    """Put a picture on a tilted plane with smooth relief, which fills the view."""
     height, width = size
     picture = pictures[int(rng.integers(len(pictures)))]
     if happens(rng, "shape.plane_whole"):
@@ -143,7 +143,6 @@ def _picture_plane(
     waves = rng.standard_normal((count(rng, "shape.plane_waves"), count(rng, "shape.plane_waves")))
     relief = cv2.resize(waves.astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
     inverse = 1.0 + tilt * rows + turn * columns + draw(rng, "shape.plane_relief") * relief
-    # Perpendicular distance over range is 1 / (1 + tilt): the pitch of a level floor.
     pitch = math.radians(draw(rng, "camera.pitch"))
     return Scene(
         "plane", "picture on a plane", np.ascontiguousarray(colours, np.float32),
@@ -161,16 +160,15 @@ class _Builder:
         self.shapes: list[NDArray[np.float64]] = []
         self.materials: list[NDArray[np.float64]] = []
         few = min(len(pictures), 4)
-        # Taken for their pattern: how bright a material is, is another matter than the exposure
-        # of its photograph.
+        # Pictures give the pattern only: the exposure of a photograph is not the albedo.
         self.pictures = [
             self.lit(pictures[int(k)]) for k in rng.choice(len(pictures), few, replace=False)
         ] if few else []
-        # The scene has a palette: few materials, which many objects share.
+        # The palette of the scene: few materials, which many objects share.
         self.palette = [self.material() for _ in range(count(rng, "shape.palette"))]
 
     def lit(self, picture: Map) -> Map:
-        """Give a picture the mean albedo of some material."""
+        """Scale a picture to the mean albedo of a random material."""
         kinds = (*NATURAL, *MADE)
         albedo = draw(self.rng, f"albedo.{kinds[int(self.rng.integers(len(kinds)))]}")
         gain = albedo / max(float(picture.mean()), 1e-3)
@@ -223,9 +221,9 @@ class _Builder:
         self.shapes.append(shape_row(kind, centre, half, axes, material, bump))
 
     def place(self) -> tuple[float, float, float]:
-        """Draw a point of the ground that is likely in view."""
+        """Draw a point of the ground that is probably in view."""
         rng = self.rng
-        # Alike over the image: rays through random pixels, cut at some range.
+        # Evenly over the image: on rays through random pixels, up to a limited range.
         direction = self.directions[
             int(rng.integers(self.size[0])), int(rng.integers(self.size[1]))]
         down = max(-float(direction[2]), 0.12)
@@ -267,7 +265,7 @@ class _Builder:
             _lattice(int(rng.integers(_LATTICES))), levels, sun / np.linalg.norm(sun),
             draw(rng, "procedural.ambient"), happens(rng, "procedural.sun"),
             1.0 / (focal * width), reflectance, ranges)
-        # The lens and the pixel's area: no camera has edges as sharp as rays.
+        # Blur by the lens and by the pixel's area.
         seen = np.isfinite(ranges).astype(np.float32)
         share = cv2.GaussianBlur(seen, (0, 0), _SHARPNESS)[..., np.newaxis]
         soft = cv2.GaussianBlur(reflectance, (0, 0), _SHARPNESS) / np.maximum(share, 1e-3)
@@ -301,10 +299,10 @@ class _Builder:
         tint = np.ones_like(relief)
         if happens(rng, "procedural.rubble"):
             _add_rubble(rng, relief, tint, self.extent / _RELIEF)
-        # The camera is one above the ground under it.
+        # The camera is at height 1 above the ground below it.
         relief = relief - relief[0, 0]
         self.relief = np.ascontiguousarray(relief)
-        # Hollows of two widths are darker than what stands out.
+        # Hollows are darker, on two scales.
         lost = draw(rng, "procedural.occlusion")
         for cells in (3.0, 12.0):
             lower = cv2.GaussianBlur(relief, (0, 0), cells, borderType=cv2.BORDER_REFLECT) - relief
@@ -312,11 +310,11 @@ class _Builder:
             tint = tint * (1.0 - lost * depth)
         self.hollow = np.ascontiguousarray(tint)
         grade = np.abs(np.gradient(relief, self.extent / _RELIEF)).max() + abs(self.slope)
-        # Steps that no ridge is missed by often.
+        # With these steps rays seldom miss a ridge.
         self.steep = float(1.0 / (1.0 + min(grade, 3.0)))
 
     def boulders(self) -> None:
-        """Add rocks, half sunk."""
+        """Add partly buried rocks."""
         rng = self.rng
         large = draw(rng, "shape.boulder_radius")
         for _ in range(count(rng, "shape.boulders")):
@@ -376,7 +374,7 @@ class _Builder:
                          turned_axes(rng, 0.3))
 
     def poles(self) -> None:
-        """Add poles and ropes that stand."""
+        """Add upright poles and ropes."""
         rng = self.rng
         material = self.material(MADE)
         for _ in range(count(rng, "shape.poles")):
@@ -414,14 +412,14 @@ class _Builder:
                 self.add(ELLIPSOID, (x, y, z), half, material, turned_axes(rng, 0.1), bump=0.15)
 
 
-# Lattices of noise are dear to make and alike: a few are enough, since points are shifted.
+# Noise lattices take long to make: a few are enough.
 _LATTICES = 16
 _RELIEF = 512
-# Beyond it there is nothing, in heights of the camera.
+# Largest range, in heights of the camera.
 _FARTHEST = 40.0
-# Nothing reflects more of the light.
+# Largest albedo.
 _BRIGHTEST = 0.95
-# Standard deviation of a point's image, px: a pixel's own area has 0.29, a good lens as much.
+# Standard deviation of a point's image, px: 0.29 by the pixel's area, and as much by a good lens.
 _SHARPNESS = 0.45
 
 
@@ -438,7 +436,7 @@ def _fractal(rng: np.random.Generator, side: int, hurst: float) -> NDArray[np.fl
     """Periodic fractal surface (side, side) of standard deviation 1, spectrum f^−(2H + 2)."""
     frequency = np.hypot(np.fft.fftfreq(side)[:, np.newaxis], np.fft.rfftfreq(side)[np.newaxis])
     frequency[0, 0] = 1.0
-    # The largest waves are a third of the grid: else a scene is but a slope.
+    # The longest waves are a third of the grid: longer ones would make the scene a mere slope.
     amplitude = np.maximum(frequency, 3.0 / side) ** (-hurst - 1.0)
     amplitude[0, 0] = 0.0
     spectrum = np.fft.rfft2(rng.standard_normal((side, side))) * amplitude
@@ -449,12 +447,12 @@ def _fractal(rng: np.random.Generator, side: int, hurst: float) -> NDArray[np.fl
 def _add_rubble(
     rng: np.random.Generator, relief: NDArray[np.float64], tint: NDArray[np.float64], cell: float
 ) -> None:
-    """Strew stones over a relief whose cells are `cell` wide, in place; each has its brightness."""
+    """Add stones of random brightness to a relief with cells of width `cell`, in place."""
     side = len(relief)
     largest = draw(rng, "shape.rubble_radius")
     spread = draw(rng, "shape.rubble_spread")
     for _ in range(count(rng, "shape.rubble")):
-        # Before the camera: the rest of the grid is hardly seen.
+        # In front of the camera: the rest of the grid is hardly visible.
         column, row = rng.integers(-side // 4, side // 4), rng.integers(0, side // 2)
         radius = largest * rng.random() ** 2 + cell
         reach = math.ceil(radius / cell)
@@ -488,12 +486,12 @@ IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
 
 
 def read_pictures(folder: Path) -> list[Map]:
-    """Read a folder's colour photographs as textures, by name.
+    """Read a folder's colour photographs as textures, sorted by name.
 
     Parameters
     ----------
     folder : Path
-        Files of `IMAGE_SUFFIXES`, taken as sRGB; others are left out.
+        Files of `IMAGE_SUFFIXES`, in sRGB; others, and those smaller than `TEXTURE`, are left out.
 
     Returns
     -------
@@ -503,7 +501,7 @@ def read_pictures(folder: Path) -> list[Map]:
     Raises
     ------
     InputError
-        If there is no such folder, or no picture in it.
+        If there is no such folder, or no such picture in it.
     """
     if not folder.is_dir():
         raise InputError(f"there is no folder {folder}: give one with colour pictures")
@@ -516,7 +514,7 @@ def read_pictures(folder: Path) -> list[Map]:
             continue
         side = min(image.shape[:2])
         top, left = ((n - side) // 2 for n in image.shape[:2])
-        # Areas are averaged as light, not as code.
+        # Pixels are averaged as linear light.
         light = to_linear(np.ascontiguousarray(image[top:top + side, left:left + side, ::-1]),
                           "srgb")
         pictures.append(cv2.resize(light, (TEXTURE, TEXTURE), interpolation=cv2.INTER_AREA))
@@ -529,7 +527,7 @@ def make_pool(
     count: int, seed: int, folder: Path, pictures: Path | None = None,
     size: tuple[int, int] = SIZE, jobs: int = 1,
 ) -> None:
-    """Make a pool of procedural scenes, each of which depends on its number and the seed alone.
+    """Make a pool of procedural scenes; each depends on its number and the seed only.
 
     Parameters
     ----------
@@ -538,13 +536,13 @@ def make_pool(
     seed : int
         Of all of them.
     folder : Path
-        Where ``<number>.npz`` are written; those that are there are kept.
+        Folder of the files ``<number>.npz``; existing ones are kept.
     pictures : Path or None
         Folder of colour photographs, see `read_pictures`.
     size : (int, int)
         Rows and columns.
     jobs : int
-        Processes that share the scenes out.
+        Number of processes.
 
     Raises
     ------
@@ -553,7 +551,7 @@ def make_pool(
     """
     textures = read_pictures(pictures) if pictures is not None else []
     jobs = max(1, min(jobs, count))
-    # A share for each process: the pictures are handed over as often.
+    # One share for each process, since each share gets a copy of the pictures.
     shares = [range(first, count, jobs) for first in range(jobs)]
     with refusing(f"cannot write a pool to {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
@@ -574,7 +572,7 @@ def _make_scenes(
 
 
 def save_scene(scene: Scene, path: Path) -> None:
-    """Write a scene as .npz: colours and ranges over their median as float16."""
+    """Write a scene as .npz: colours, and ranges relative to their median, as float16."""
     known = np.isfinite(scene.range)
     median = float(np.median(scene.range[known])) if known.any() else 1.0
     part = path.with_suffix(".part")
@@ -582,14 +580,14 @@ def save_scene(scene: Scene, path: Path) -> None:
         np.savez(
             file, name=scene.name, kind=scene.kind,
             reflectance=scene.reflectance.astype(np.float16),
-            # A tenth of a millimetre to kilometres: over the median, float16 holds both.
+            # Relative to the median, 0.1 mm to kilometres are in the range of float16.
             range=(scene.range / np.float32(median)).astype(np.float16),
             camera=np.array([scene.pitch, scene.roll, scene.focal_length]))
     part.replace(path)
 
 
 def load_scene(path: Path) -> Scene:
-    """Read a scene that `save_scene` wrote; its range is over the median.
+    """Read a scene that `save_scene` wrote; its ranges are relative to their median.
 
     Raises
     ------
@@ -605,7 +603,7 @@ def load_scene(path: Path) -> Scene:
 
 
 def pool(folder: Path) -> list[Path]:
-    """Return the scenes of a pool, by name.
+    """Return the files of a pool's scenes, sorted by name.
 
     Raises
     ------

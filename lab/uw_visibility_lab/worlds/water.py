@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Random sea water: composed of spectra between Jerlov's types, or the paper's."""
+"""Random sea water: with spectra between those of Jerlov's types, or as in the paper."""
 
 from __future__ import annotations
 
@@ -27,24 +27,23 @@ RESPONSES = ("nikon_d5100", "generic", "sigma_sdmerrill")
 """In the order of the belief ``camera.response``."""
 
 PATHS = np.concatenate([[0.0], np.geomspace(0.05, 200.0, 48)])
-"""Ranges over which band averages are tabulated, m; between them their logarithms are nearly
-straight."""
+"""Ranges at which band averages are tabulated, m; in between, their logarithms are nearly
+linear."""
 
 
 @dataclass(frozen=True)
 class Water:
-    """Water as the camera's channels see it, (3,) RGB; light of 1 is white at the surface."""
+    """Water in the camera's channels, (3,) RGB; light of 1 is white at the surface."""
 
     depth: float  # of the camera, m
-    clear_water: Array  # told κ, 1/m
+    clear_water: Array  # declared κ, 1/m
     attenuation: Array  # β of surfaces' light, 1/m
-    diffuse: Array  # K, by which daylight fades with depth, 1/m
+    diffuse: Array  # K, diffuse attenuation of daylight, 1/m
     light: Array  # W at that depth
     ratio: Array  # B/W
-    # rate at which light is scattered by a few degrees, 1/m: beam attenuation is β and this
-    forward: Array
-    # (n, 3) each; logarithms of the band-averaged transmission over `PATHS`, and of what the veil
-    # lacks of its value at infinity; None where β is one number a channel
+    forward: Array  # scattering by a few degrees, 1/m: beam attenuation is β + this
+    # (n, 3) each; logarithms of the band-averaged transmission over `PATHS`, and of
+    # 1 − veil / veil at infinity; None where each channel has one β
     tables: tuple[Array, Array] | None = None
 
 
@@ -60,7 +59,7 @@ def _ladder() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 @cache
 def _camera(name: str) -> tuple[Array, Array, Array]:
-    """Response, response times daylight, (n, 3) each, of sum 1 a channel; and κ, 1/m."""
+    """Response, and response times daylight, (n, 3) each, with a sum of 1 per channel; κ, 1/m."""
     response = load_response(name)
     plain, lit = response.at(WAVELENGTHS), daylight_response(response)
     return plain / plain.sum(0), lit / lit.sum(0), clear_water_attenuation(response)
@@ -74,11 +73,11 @@ def draw_water(
     Parameters
     ----------
     rng : numpy.random.Generator
-        Where the values come from.
+        Source of the values.
     spectrum : bool
         Whether transmission is integrated over wavelength, so that β falls with range.
     red_gone : bool
-        Whether the camera is so deep that nothing is left of red.
+        Whether the camera is so deep that no red light is left.
 
     Returns
     -------
@@ -103,7 +102,7 @@ def draw_water(
     beam = absorption + lost
     weights = lit * np.exp(-diffuse * depth)[:, np.newaxis]
     light = weights.sum(0)
-    # Where nothing is left of a channel, its weights still say which part went last.
+    # Relative weights: they are defined even for a channel with hardly any light.
     share = weights / light
     albedo = (share * (lost / beam)[:, np.newaxis]).sum(0)
     ratio = _draw_ratio(rng, albedo)
@@ -120,7 +119,7 @@ def draw_water(
 
 
 def _paper_water(rng: np.random.Generator, name: str, clear: Array, depth: float) -> Water:
-    """Clear water and particles with one attenuation a channel; light fades as the paper has it."""
+    """Clear water and particles with one attenuation per channel, and fading light (the paper)."""
     particles = np.full(3, draw(rng, "water.paper_attenuation"))
     if happens(rng, "water.clear"):
         particles *= 0.0

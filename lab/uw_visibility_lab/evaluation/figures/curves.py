@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Curves: Fig. 6 and 7 of the paper, and the reliability of the matcher's confidence.
 
-Fig. 6 and 7 are attenuation, matches and colour as the water changes.
+Fig. 6 and 7 show attenuation, matches and colour in different waters.
 """
 
 from __future__ import annotations
@@ -36,27 +36,27 @@ COLOURS = ("#000000", "#0072b2", "#009e73", "#e69f00", "#d55e00", "#cc79a7")
 
 
 class Panel(NamedTuple):
-    """A column of a figure: a line for each method, over what changes of the water."""
+    """A column of a figure: a line for each method, over attenuation or depth."""
 
     label: str
     cases: Sequence[CaseResult]
     styles: Mapping[str, Style]
     value: Callable[[CaseResult, str], float]
-    top: float | None = None  # where the axis, which begins at 0, ends
+    top: float | None = None  # upper end of the axis, which begins at 0
 
 
 def draw_over_attenuation(path: Path, evaluation: Evaluation) -> None:
     """Draw Fig. 6: α̂, unmatched and correct fraction over α, at one depth.
 
-    The paper shows the unmatched fraction alone, of a "conventional stereo matching
-    framework" against its own. What is matched may be wrong, so the correct fraction
-    stands beside it, once more for each noise of the sensor that was evaluated.
+    The paper shows the unmatched fraction only, of a "conventional stereo matching
+    framework" and of its own. Matches may be wrong, so the correct fraction is added,
+    also for each noise of the sensor that was evaluated.
     """
     depth = evaluation.plan.shown[1]
     cases = [case for case in evaluation.quiet if case.truth.depth == depth]
     correct = [("correct fraction", cases)]
     correct += [
-        (f"the same, {title_of(noise)}", [c for c in evaluation.cases if c.noise == noise])
+        (f"correct, {title_of(noise)}", [c for c in evaluation.cases if c.noise == noise])
         for noise in evaluation.plan.noises]
     _draw_panels(
         path, f"Decreasing visibility at z = {depth:g} m (as Fig. 6 of the paper)",
@@ -82,7 +82,7 @@ def _draw_panels(
     path: Path, title: str, label: str, abscissa: Callable[[CaseResult], float],
     cases: Sequence[CaseResult], panels: Sequence[Panel],
 ) -> None:
-    """Draw α̂ with its truth and the band of the pipeline's σ, and the panels, a row a scene."""
+    """Draw α̂ with the truth and ± 1 σ of the pipeline, and the panels; one row per scene."""
     scenes = list(dict.fromkeys(case.scene for case in cases))
     estimates = Panel(
         "estimate of α [1/m]", cases, READING_STYLES,
@@ -115,7 +115,7 @@ def _draw_panels(
     for axes in grid[-1]:
         axes.set_xlabel(label)
     figure.suptitle(title)
-    # Below the panels, names hide no data.
+    # Legends below the panels hide no data.
     for axes, place in ((grid[0, 0], "outside lower left"), (grid[0, 1], "outside lower right")):
         figure.legend(
             *axes.get_legend_handles_labels(), loc=place, ncols=2, frameon=False, fontsize=8)
@@ -125,13 +125,13 @@ def _draw_panels(
 def draw_reliability(
     path: Path, by_noise: Mapping[str, Sequence[Mapping[str, float]]]
 ) -> None:
-    """Draw the share of right disparities over confidence, and how many have which, by noise."""
+    """Draw the share of right disparities over confidence, and its histogram, by noise."""
     figure = Figure(figsize=(6.4, 6.0), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     above.plot((0, 1), (0, 1), **{**TRUTH_STYLE, "label": "calibrated"})
     for k, (noise, rows) in enumerate(by_noise.items()):
         x = [row["confidence"] for row in rows]
-        label = f"{title_of(noise)}: off by {expected_error(rows):.3f}"
+        label = f"{title_of(noise)}: mean error {expected_error(rows):.3f}"
         colour = COLOURS[k % len(COLOURS)]
         above.plot(x, [row["right"] for row in rows], color=colour, marker="o", label=label)
         below.plot(x, [row["part"] for row in rows], color=colour, marker="o")

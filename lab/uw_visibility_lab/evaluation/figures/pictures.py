@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of the paper's figures: bins (3), disparities (5), over depth (7), by method (9).
 
-Those of Fig. 3 are pixels over range, their envelopes, and the fitted curves.
+Fig. 3 shows pixels over range, their envelopes, and the fitted curves.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from uw_visibility_lab.evaluation.tables import CHANNELS, grouped
 
 SHOWN = ("degraded", "histogram", "clahe", "final", "oracle")
 WIDTH = 2.9
-# Pixels that are drawn of each channel; more would be one dark area.
+# Number of pixels drawn per channel; more would merge into a dark area.
 POINTS = 4000
 IN_AIR = "#b0b0b0"
 ENVELOPE: dict[str, Any] = {
     "markersize": 4.5, "markeredgewidth": 0.7, "color": "white", "markeredgecolor": "black",
 }
 CURVES = "I∞ (upper), I∞(1 − exp(−βd)) (lower)"
-# Ranges beyond these percentiles are single pixels.
+# Percentiles of range between which the axis is drawn, without outliers.
 RANGE_PERCENTILES = (0.2, 99.8)
 
 
 def draw_pictures(path: Path, cases: Sequence[CaseResult]) -> None:
     """Draw the scenes under water, by each method, and in air, with their ΔE*ab.
 
-    Pixels are shown without encoding, as the paper takes those of its scenes.
+    Pixels are shown without gamma encoding, as in the paper.
     """
     figure, rows = _grid(cases, len(SHOWN) + 1)
     for row, case, pictures in rows:
@@ -56,7 +56,7 @@ def draw_pictures(path: Path, cases: Sequence[CaseResult]) -> None:
 
 
 def draw_disparities(path: Path, cases: Sequence[CaseResult]) -> None:
-    """Draw Fig. 5: under water, disparities of that pair, improved ones, enhanced image."""
+    """Draw Fig. 5: raw image, disparities of the raw and the enhanced pair, enhanced image."""
     figure, rows = _grid(cases, 4)
     for row, case, pictures in rows:
         _show(row[0], pictures.images["degraded"], f"{case.scene} under water")
@@ -74,7 +74,7 @@ def draw_disparities(path: Path, cases: Sequence[CaseResult]) -> None:
 
 
 def _show(axes: Any, image: Any, title: str, **how: Any) -> None:
-    """Show an image, where there is one, under a title."""
+    """Show an image, if there is one, under a title."""
     if image is not None:
         axes.imshow(image, **how)
     axes.set_title(title, fontsize=9)
@@ -122,10 +122,10 @@ def draw_over_depth(path: Path, cases: Sequence[CaseResult]) -> None:
 def draw_bins(path: Path, case: CaseResult) -> None:
     """Draw pixels, envelopes and fitted curves of a case.
 
-    The grey points are the scene's radiance in air, the coloured ones what the camera
-    sees under water, over the true range. The lower curve is eq. 6 with the estimated
-    β and I∞, the upper line the estimated I∞ (eq. 7). Envelopes are over the ranges
-    that the pipeline found.
+    The grey points are the scene's radiance in air, the coloured ones the irradiance
+    under water, over the true range. The lower curve is eq. 6 with the estimated β and
+    I∞, the upper line is the estimated I∞ (eq. 7). Envelopes are over the pipeline's
+    ranges.
     """
     pictures = case.pictures
     assert pictures is not None
@@ -151,7 +151,7 @@ def draw_bins(path: Path, case: CaseResult) -> None:
             envelope = pictures.envelope
             axes.plot(
                 envelope.range, envelope.bright[channel], "^", label="bright envelope", **ENVELOPE)
-            # The darkest pixels of a bin lie at a range of their own.
+            # The darkest pixels of a bin have their own mean range.
             axes.plot(
                 envelope.dark_range[channel], envelope.dark[channel], "v", label="dark envelope",
                 **ENVELOPE)
@@ -198,7 +198,7 @@ def _draw_points(axes: Any, pictures: Pictures, channel: int) -> None:
         axes.plot(
             distance, values, ".", color=colour, alpha=0.35, markersize=2.5, markeredgewidth=0.0,
         )
-        # Points as faint would not be seen in the legend.
+        # Opaque points for the legend.
         axes.plot([], [], ".", color=colour, label=label)
 
 

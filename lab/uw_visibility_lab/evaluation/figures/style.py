@@ -20,8 +20,8 @@ DEPTH_LABEL = "depth z [m]"
 DISPARITY_COLOURS = colormaps["turbo"].with_extremes(bad="black")
 CHANNEL_COLOURS = {"red": "#cc2020", "green": "#1e8a34", "blue": "#2050cc"}
 
-# Okabe and Ito's colours, which stay apart for every eye: one for each method,
-# the same in all figures.
+# Okabe and Ito's colours, which colour-blind people can distinguish: one for each
+# method, the same in all figures.
 OURS, OURS_BEFORE, PLAIN = "#0072b2", "#56b4e9", "#d55e00"
 INPUT, HISTOGRAM, CLAHE, ORACLE = "#777777", "#cc79a7", "#e69f00", "#000000"
 
@@ -31,7 +31,7 @@ Style = dict[str, Any]
 def _styles(
     titles: dict[str, str], *lines: tuple[str, str, str] | tuple[str, str, str, str]
 ) -> dict[str, Style]:
-    """Return the styles of methods that there are: name, colour, marker and line."""
+    """Return the styles of the methods in `titles`, from name, colour, marker and line style."""
     return {
         name: {
             "label": titles[name], "color": colour, "marker": marker,
@@ -56,14 +56,14 @@ IMAGE_STYLES = _styles(
 
 TRUTH_STYLE = {"label": "truth", "color": "black", "linewidth": 1.2, "linestyle": "--"}
 
-# The same result has the same file.
+# Files have no dates, so that equal results give equal files.
 _UNDATED = {
     ".pdf": {"CreationDate": None, "Producer": None}, ".svg": {"Date": None}, ".png": {},
 }
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as its name's ending says: png, pdf or svg."""
+    """Write a figure in the format of the file's suffix: png, pdf or svg."""
     FigureCanvasAgg(figure)
     with rc_context({"svg.hashsalt": "uw_visibility"}):
         figure.savefig(path, dpi=DPI, metadata=_UNDATED[path.suffix])
