@@ -71,7 +71,7 @@ def compressed_kinds(views: tuple[np.ndarray, np.ndarray]) -> Iterator[MessageKi
         ("PNG without columns", png_size(0, 120), "png", "0x120"),
         ("PNG with a wrong byte", png[:200] + bytes([png[200] ^ 1]) + png[201:], "png", "checksum"),
         ("PNG without pixels", png[:33] + png[-12:], "png", "damaged|decompress"),
-        ("deep PNG", encoded(".png", pixels.astype(np.uint16) * 257), "png", "depth"),
+        ("deep PNG", encoded(".png", pixels.astype(np.uint16) * 257), "png", "uint16"),
         ("TIFF", encoded(".tiff", pixels), "tiff", "neither JPEG nor PNG"),
         ("GIF", b"GIF89a" + bytes(100), "gif", "neither JPEG nor PNG"),
         ("WebP", b"RIFF\0\0\0\0WEBPVP8 ", "webp",

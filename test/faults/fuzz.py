@@ -25,11 +25,15 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, chdir
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from uw_visibility.compute.threads import use_one_thread
+
 sys.path.insert(0, str(Path(__file__).parent))
+# The process that nodes are forked from must have one thread.
+use_one_thread()
 
 # Numbers of cases that `make studies` runs of each kind, within seconds.
 KINDS = {
@@ -96,6 +100,8 @@ def run(kind: str, seeds: Iterator[int], seconds: float) -> Iterator[dict[str, A
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="uw_visibility_fuzz_"))
         cases: Kind = importlib.import_module(f"fuzz_{kind}").Cases(Path(folder))
+        # A command may write to the current folder, as by -o "".
+        stack.enter_context(chdir(folder))
         # Nodes must end well.
         stack.callback(getattr(cases, "close", lambda: None))
         for seed in seeds:
@@ -159,10 +165,14 @@ def run_kind(kind: str, arguments: argparse.Namespace) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     verdicts: Counter[str] = Counter()
     first = arguments.first
-    for line in run(kind, iter(range(first, first + count)), seconds):
-        verdicts[line["verdict"]] += 1
-        if arguments.minutes is None or line["verdict"] not in WELL:
-            print(json.dumps(line), flush=True)
+    try:
+        for line in run(kind, iter(range(first, first + count)), seconds):
+            verdicts[line["verdict"]] += 1
+            if arguments.minutes is None or line["verdict"] not in WELL:
+                print(json.dumps(line), flush=True)
+    except Exception as error:
+        print(f"{kind}: no cases could be run after {verdicts.total()}: {error!r}", flush=True)
+        raise
     if arguments.minutes is not None:
         print(f"{kind}: {verdicts.total()} cases from seed {first} on, {dict(verdicts)}")
     return int(any(verdict not in WELL for verdict in verdicts))
