@@ -199,7 +199,7 @@ class StereoConfig(NetworkConfig):
     min_confidence: float = parameter(
         0.0, "Least probability that a disparity is within 1 px of the truth; others are "
         "unmatched. 0.5 keeps matches that are more likely right than wrong. For noisy images the "
-        "limit is at least 0.42 to 0.59, rising with noise.",
+        "limit is at least 0.14 to 0.51, rising with noise.",
         minimum=0.0, maximum=0.99,
     )
     gap_width: int = parameter(
