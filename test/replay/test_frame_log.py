@@ -132,5 +132,5 @@ def test_what_is_no_record_is_refused(tmp_path: Path, change: dict[str, Any]) ->
 ])
 def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / NAME).write_bytes(content)
-    with pytest.raises(InputError, match="line 1, is no frame of a replay: --force begins anew"):
+    with pytest.raises(InputError, match="line 1, is no frame of a replay: --force starts over"):
         list(read_records(tmp_path))

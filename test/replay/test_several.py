@@ -294,7 +294,7 @@ def test_an_interruption_at_the_start_of_jobs_is_one_sentence(
     sentences = told.splitlines()
     assert sentences[-1] == "uw_visibility: interrupted"
     # Once there are frames, a second one says how to go on.
-    assert len(sentences) == 1 or "--resume goes on from it" in sentences[0]
+    assert len(sentences) == 1 or "--resume continues it" in sentences[0]
     assert len(sentences) <= 2
 
 

@@ -142,7 +142,7 @@ def _replay(
         except OSError as error:
             raise InputError(
                 f"cannot write {folder.work}: {error.strerror or error}; with more room "
-                "--resume goes on from it"
+                "--resume continues it"
             ) from error
     return replace(replay.summary, output=str(target))
 
@@ -282,7 +282,7 @@ class _Replay:
             earlier = next(known, None)
             if earlier is not None and earlier.record.frame != event.number:
                 raise InputError(
-                    f"{self._folder.earlier} is not of these frames: --force begins anew"
+                    f"{self._folder.earlier} is not of these frames: --force starts over"
                 )
             light = lights.next()
             yield FrameTask(recording, event, light) if earlier is None else earlier
@@ -359,4 +359,4 @@ class _Replay:
             problem = f"cannot go on from {self._folder.work}: {error}"
         if problem:
             self._folder.refuse_earlier()
-            raise InputError(f"{problem}: --force begins anew")
+            raise InputError(f"{problem}: --force starts over")

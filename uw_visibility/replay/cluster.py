@@ -119,8 +119,8 @@ def _outcome(bag: Place, future: Any, killed: type[Exception]) -> Summary | Inpu
         return error
     except killed as error:
         return InputError(
-            f"{bag}: every worker that replayed it was lost, for want of memory perhaps; "
-            f"--resume goes on from what there is ({error})"
+            f"{bag}: every worker that replayed it was lost, perhaps for lack of memory; "
+            f"--resume continues its partial result ({error})"
         )
 
 

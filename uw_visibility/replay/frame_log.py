@@ -75,7 +75,7 @@ def read_records(folder: Path) -> Iterator[FrameRecord]:
                     raise TypeError(type(record))
             except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
                 raise InputError(
-                    f"{path}, line {number}, is no frame of a replay: --force begins anew"
+                    f"{path}, line {number}, is no frame of a replay: --force starts over"
                 ) from error
             yield record
 

@@ -46,7 +46,7 @@ def partial_of(target: Path) -> Path:
 def partial_refused(partial: Path) -> InputError:
     """Return the error of a partial result that is neither to be resumed nor replaced."""
     return InputError(
-        f"{partial} is a partial result: --resume goes on from it, --force begins anew")
+        f"{partial} is a partial result: --resume continues it, --force starts over")
 
 
 def places_of(target: Path) -> list[Path]:
