@@ -72,4 +72,4 @@ REFUTING = frozenset((
     Status.CLEARER_THAN_CLEAR_WATER, Status.OTHER_TRANSFER, Status.NOT_ONE_WATER,
     Status.UNLIKE_TRAINING, Status.NO_COLOUR,
 ))
-"""Reasons that show that water, light or camera are not as assumed."""
+"""Reasons that contradict the assumptions about water, light or camera."""
