@@ -261,7 +261,7 @@ def test_the_filter_and_surveys_are_told() -> None:
     assert sentences[0].startswith("None of 2 frames has a visibility distance of its own; taken "
                                    "together, 2 have one")
     assert sentences[0].endswith("over ranges from 1.6 to 2.2 m.")
-    assert sentences[-1].startswith("Filtered water of 2 frames is that of a survey: up to 30")
+    assert sentences[-1].startswith("Filtered water of 2 frames is from a survey: up to 30")
 
 
 def test_frames_that_the_filter_rejected_are_not_called_alike() -> None:
