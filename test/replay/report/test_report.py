@@ -394,9 +394,9 @@ def test_a_figure_shows_clock_time_and_values_to_point_at() -> None:
     drawn = draw_series(columns)[0].drawing
     for text in (">time (UTC)<", ">22:15<", ">2023-11-14<", ">filtered, ± 1 σ<"):
         assert text in drawn
-    shown = "frame 2, 22:15:20 UTC; by itself 6.00 ± 0.50 m; filtered 7.00 ± 0.25 m"
+    shown = "frame 2, 22:15:20 UTC; single frame 6.00 ± 0.50 m; filtered 7.00 ± 0.25 m"
     assert f"<title>{shown}</title>" in drawn
-    assert "frames by themselves: 9 of 9 known, from 5.00 to 9.00 m, median 7.00" in drawn
+    assert "single frames: 9 of 9 known, from 5.00 to 9.00 m, median 7.00" in drawn
     # Nothing that two drawings of a page would both be called.
     names = re.findall(r'\bid="([^"]*)"', "".join(each.drawing for each in draw_series(columns)))
     assert len(names) == len(set(names))
