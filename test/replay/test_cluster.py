@@ -145,7 +145,7 @@ def test_workers_of_another_version_are_refused(
     bag = copy_bag(transect, tmp_path / "bag")
     assert main(["replay", str(bag), "-o", str(tmp_path / "out"), "--scheduler",
                  cluster.scheduler_address]) == 2
-    assert "and here is 0.0.1: install one version" in capsys.readouterr().err
+    assert "this machine 0.0.1: install one version" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -176,7 +176,7 @@ def test_a_log_that_is_none_is_refused_and_nothing_of_it_is_executed(
         capsys.readouterr()
         assert interrupted.again("--resume").code == 2
         (line,) = capsys.readouterr().err.strip().splitlines()
-        assert "frames.jsonl, line 1, is no frame of a replay: --force starts over" in line
+        assert "frames.jsonl, line 1, is not a frame of a replay: --force starts over" in line
     assert not (tmp_path / "executed").exists()
 
 
