@@ -299,7 +299,7 @@ def test_a_part_of_another_origin_is_not_gone_on_from(
     table, log = (interrupted.partial / name for name in ("frames.csv", frame_log.NAME))
     table.write_text(table.read_text().replace(f"\n{DARK},", "\n9,"))
     log.write_text(log.read_text().replace(f'"frame": {DARK},', '"frame": 9,'))
-    assert "is not of these frames" in refusal()
+    assert "has other frames" in refusal()
     assert interrupted.again("--force").code == 0
     assert not interrupted.partial.exists()
 
