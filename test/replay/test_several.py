@@ -187,7 +187,7 @@ def test_of_two_pairs_of_cameras_the_choice_is_said(
                 yield f"/aft{topic}", kind, message, time
 
     bag = copy_bag(transect, tmp_path / "bag", edit=twice)
-    said = "/left/image_rect is taken rather than /aft/left/image_rect"
+    said = "/left/image_rect is used instead of /aft/left/image_rect"
     assert main(["replay", str(bag), "--list"]) == 0
     assert said in capsys.readouterr().out
     done = run(bag, tmp_path / "out", "--every", "3", capsys=capsys)
