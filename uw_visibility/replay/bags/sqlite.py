@@ -116,7 +116,7 @@ class SqliteFile:
             hidden = [row[6] for row in self._run(f"PRAGMA table_xinfo({name})")] if plain else [1]
             if any(hidden):
                 raise InputError(
-                    f"{self._path.name} is not a recording: its {printable(name)} are no plain table"
+                    f"{self._path.name} is not a recording: {printable(name)} is no plain table"
                 )
 
     def _definitions(self) -> dict[str, tuple[str, str]]:
