@@ -341,11 +341,11 @@ def test_a_result_of_several_is_complete_for_its_own_input_alone(
     before = [table.stat().st_mtime_ns for table in tables]
     assert main(command) == 0
     assert [table.stat().st_mtime_ns for table in tables] == before
-    for options, difference in ((["--video"], "choice of --images, --video"),
+    for options, difference in ((["--video"], "with other --images, --video"),
                                 (["--match-original"], "replay.match_original: give another")):
         assert main([*command, *options]) == 2
         told = capsys.readouterr().err
-        assert "one exists already and was made with another" in told
+        assert "one exists already and was made with" in told
         assert difference in told
     # Another recording has come under the same name.
     file = bags[1] / "transect.mcap"

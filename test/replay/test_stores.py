@@ -196,7 +196,7 @@ def test_no_more_is_fetched_than_there_may_be(
         monkeypatch.setattr(type(store), "size", lambda *_: None)
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     assert main(["replay", "memory://bucket/dives/dive", "-o", str(tmp_path / "out"), *ALONE]) == 2
-    assert "has more than 1e-05 GB" in capsys.readouterr().err
+    assert "have more than 1e-05 GB" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

@@ -99,7 +99,7 @@ def _internal(error: Exception) -> InputError:
     """Describe an internal error as the reason why a recording has no result."""
     reason = printable(" ".join(str(error).split()))
     return InputError(
-        f"internal error, {type(error).__name__}: {reason} (replay only this one with "
+        f"internal error, {type(error).__name__}: {reason} (replay it separately with "
         "--debug, which shows where)")
 
 
@@ -165,7 +165,7 @@ def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | No
         difference = origin.difference(state)
         if not difference and state.get("extras") != options.extras():
             difference = (
-                "was made with other options of --images, --video, --geo, --netcdf, --parquet, "
+                "was made with other --images, --video, --geo, --netcdf, --parquet, "
                 "--attribute, --all-topics")
         if difference:
             raise InputError(

@@ -249,5 +249,5 @@ def test_nothing_readable_is_exit_code_1_and_no_bag_is_2(
     assert run(tmp_path / "nowhere", tmp_path / "out").code == 2
     (tmp_path / "notes.txt").write_text("x")
     assert run(tmp_path / "notes.txt", tmp_path / "out").code == 2
-    assert "no recording" in capsys.readouterr().err
+    assert "is not a recording" in capsys.readouterr().err
     assert not list(tmp_path.glob("out*"))

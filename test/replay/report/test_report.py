@@ -223,10 +223,10 @@ def test_frames_that_the_filter_rejected_are_told(
     })
     done = run(dive, tmp_path / "out", "--params-file", str(params), capsys=capsys)
     events = [row["filtering"] for row in done.rows]
-    rejected, followed = events.count("outlier"), events.count("restarted")
+    rejected, accepted = events.count("outlier"), events.count("restarted")
     assert rejected > 0
     told = f"The filter rejected {rejected} of {len(events)} frames"
-    told += f", and followed {followed} run" * (followed > 0)
+    told += f", and accepted {accepted} run" * (accepted > 0)
     state = json.loads((tmp_path / "out" / "replay.json").read_text())
     assert state["filtering"]["outlier"] == rejected
     assert told in said(Page(tmp_path / "out" / "report.html").text)
@@ -411,7 +411,7 @@ def joined(name: str) -> dict[str, Column]:
 
 
 @pytest.mark.parametrize("stddev, left", [
-    (0.05, "is within the standard deviations"), (1e-4, "is 0.01 beyond the standard deviations"),
+    (0.05, "are within the standard deviations"), (1e-4, "are 0.01 beyond the standard deviations"),
 ])
 def test_what_a_fit_leaves_is_told_beside_what_the_estimates_may_be_off_by(
     stddev: float, left: str, tmp_path: Path
