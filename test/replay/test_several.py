@@ -45,7 +45,7 @@ def test_several_bags_have_a_folder_each(
     assert main([*command, "--every", "3"]) == 0
     assert {p.name for p in (tmp_path / "day").iterdir() if p.is_dir()} == {"transect", "other"}
     # What the distances are is said, and once is enough.
-    assert capsys.readouterr().out.count("Visibility distance is the distance at which a white") == 1
+    assert capsys.readouterr().out.count("Visibility distance is the distance at which") == 1
     assert (tmp_path / "day" / "other" / "report.html").is_file()
     assert main(["replay", str(other), str(other), "-o", str(tmp_path / "twice")]) == 2
 
