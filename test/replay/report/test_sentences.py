@@ -108,10 +108,10 @@ def test_the_black_disc_and_the_distance_of_the_paper_stand_side_by_side() -> No
     sentences, summary = told(seen(0, 10.0, 2.0), seen(1, 10.0, 2.0), seen(2, 30.0, 6.0))
     # Of a factor exp(0.1) and exp(0.2) up and down; Kd is not known.
     assert sentences[1].startswith(
-        "Black-disc visibility 8.0 m (7.2 to 8.8): horizontal distance at which a diver loses a")
+        "Black-disc visibility 8.0 m (7.2 to 8.8): horizontal distance at which a diver loses")
     assert QUANTITIES["black_disc_visibility"].definition[1:] in sentences[1]
     assert ("; visibility distance 10 m (8 to 12): 2.35/β of green, the clearest channel; Secchi "
-            "depth 7 m (6 to 9): depth at which a white disk is lost from above" in sentences[1])
+            "depth 7 m (6 to 9): depth at which a white disk disappears from view" in sentences[1])
     assert sentences[1].endswith(" In brackets: 16th to 84th percentile of the median frame.")
     columns = {name: np.full(3, math.nan) for name in COLUMNS}
     rows = quantities(columns, summary, "2.35/β")
