@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.config.schema import EnhancementConfig
-from uw_visibility.enhancement.grain import find_grain
+from uw_visibility.enhancement.grain import REACH, find_grain
 from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.optics.transfer import linear_table
 
@@ -83,10 +83,21 @@ def test_what_has_no_range_keeps_its_noise_bit_by_bit(dtype: type) -> None:
     np.testing.assert_array_equal(enhanced, image)
 
 
+def test_a_band_has_the_grain_of_the_image() -> None:
+    image = noisy(np.linspace(60.0, 180.0, 120)[:, np.newaxis, np.newaxis])[:118]
+    decode = linear_table("linear", np.uint8)
+    whole = find_grain(image, NOISE, decode)
+    for top in (40, 64):
+        beyond = find_grain(image[top - REACH :], NOISE, decode)
+        np.testing.assert_array_equal(beyond[REACH:], whole[top:])
+        above = find_grain(image[: top + REACH], NOISE, decode)
+        np.testing.assert_array_equal(above[:top], whole[:top])
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (3, 50), (50, 3), (37, 41)])
 def test_sizes_that_no_cells_fill(shape: tuple[int, int]) -> None:
     image = np.random.default_rng(0).integers(0, 256, (*shape, 3)).astype(np.uint8)
     grain = find_grain(image, NOISE, linear_table("linear", np.uint8))
-    assert grain.shape == (3, *shape) and np.isfinite(grain).all()
+    assert grain.shape == (shape[0], 3, shape[1]) and np.isfinite(grain).all()
     enhanced, _ = Restorer().restore(image, np.full(shape, 2.0, np.float32), WATER, NOISE)
     assert enhanced.shape == image.shape

@@ -59,6 +59,6 @@ def test_what_does_not_fit_is_refused(negative: Path) -> None:
     with pytest.raises(InputError, match="does not know lamps"):
         Pipeline(RIG, config(negative, **{
             "lighting.model": "lamps", "lighting.positions": [0.3, 0.0, 0.0]}))
-    with pytest.raises(InputError, match="expected are 2 alike"):
+    with pytest.raises(InputError, match="must have 2 of one layout"):
         Pipeline(RIG, config(negative, **{
             "stereo.matcher": "onnx", "stereo.model": str(negative)}))

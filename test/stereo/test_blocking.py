@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Blockiness of images with and without a JPEG behind them."""
+"""Blockiness of images with and without JPEG compression."""
 
 import cv2
 import numpy as np

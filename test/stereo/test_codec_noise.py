@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Noise that went through JPEG is told from texture by what both views show."""
+"""Low-frequency noise after JPEG is separated from texture by comparing both views."""
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ POINTS = np.array([
 
 
 def pair(noise: float, quality: int | None) -> StereoViews:
-    """Texture of two pixels, shifted, with noise of brightness, through JPEG."""
+    """Texture of two pixels, shifted, with noise of brightness, compressed by JPEG."""
     rng = np.random.default_rng(4)
     wide = cv2.GaussianBlur(rng.normal(size=(HEIGHT, WIDTH + DISPARITY)), (0, 0), 2.0)
     wide = 90 + 12 * wide / wide.std()
@@ -57,7 +57,7 @@ def test_too_few_matches_tell_nothing() -> None:
 
 
 def test_where_little_but_blocks_is_left_rounding_is_noise() -> None:
-    # Of the views' own noise nothing can be told: no match is given.
+    # Without matches, noise cannot be measured from the views' difference.
     none = np.empty((0, 3), np.float32)
     faint = StereoViews(*(
         View.of(coarse(np.uint8(90 + (view.pixels.astype(float) - 90) / 4)))

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Even contrast: what attenuation took from gradients comes back."""
+"""Contrast normalisation: gradients that attenuation reduced are restored."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from uw_visibility.stereo.contrast import ContrastNormalizer, least_noise_weight
 ATTENUATION = np.array([0.5, 0.3, 0.2])
 AMBIENT = np.array([0.3, 0.7, 0.8])
 SHAPE = (80, 120)
-# Texture from pixel to pixel, as here, would else be measured as noise.
+# Texture of single pixels, as here, would otherwise be measured as noise.
 NO_NOISE = np.zeros(3)
 
 
@@ -90,7 +90,7 @@ def test_unknown_range_takes_the_gain_of_the_farthest():
     ranges[:10] = 4
     ranges[10:20] = np.nan
     ranges[20:30] = np.inf
-    # Overflows, and is not among those that the gains are made for.
+    # Overflows, and is no part of the sample from which the table is made.
     ranges[9, 9] = 3e38
     contrast = ContrastNormalizer(SHAPE)
     contrast.restore(image, ranges, ATTENUATION, AMBIENT, Workers(1), NO_NOISE)
@@ -99,7 +99,7 @@ def test_unknown_range_takes_the_gain_of_the_farthest():
 
 
 def test_lamp_lit_contrast_of_the_far_is_raised_and_that_of_the_near_kept():
-    """What lamps light falls faster than by daylight; gains follow their known light."""
+    """Light of lamps falls faster with range than daylight; gains follow the known light."""
     rng = np.random.default_rng(2)
     ranges = np.full(SHAPE, 2.0, np.float32)
     ranges[40:] = 6.0

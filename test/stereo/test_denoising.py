@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Smoothing follows the restored noise, and the matcher gains by it."""
+"""Smoothing follows the restored noise, and improves matching."""
 
 import cv2
 import numpy as np
@@ -23,7 +23,7 @@ def noise_image(seed: int = 0, stddev: float = 600.0) -> np.ndarray:
 
 
 def gain_of(restored: float, stddev: float = 600.0) -> np.ndarray:
-    """A gain by which noise of a standard deviation becomes a restored one."""
+    """The gain that turns noise of a standard deviation into the restored noise."""
     return np.full(SHAPE, restored / stddev, np.float32)
 
 
@@ -74,7 +74,7 @@ def test_each_pixel_is_smoothed_as_its_own_noise_asks_for() -> None:
     near, far = np.s_[20:-20, 20:60], np.s_[20:-20, 100:140]
     alone = grey.copy()
     smooth(alone, gain_of(15.0), 600.0, Workers(1))
-    # Between the scales that are computed the image is interpolated.
+    # The image is interpolated between the computed scales.
     assert np.std(smoothed[far]) == pytest.approx(np.std(alone[far]), rel=0.08)
     assert 0.5 * np.std(grey[near]) < np.std(smoothed[near]) < np.std(grey[near])
     assert np.std(smoothed[far]) < 0.4 * np.std(smoothed[near])
@@ -89,7 +89,7 @@ def test_threads_do_not_change_a_bit() -> None:
 
 
 def correct_share(left: np.ndarray, right: np.ndarray, noise: float, disparity: int) -> float:
-    """Pixels that are matched right when the matcher is told of a noise."""
+    """Share of pixels that are matched correctly when the matcher is given the noise."""
     config = StereoConfig(max_disparity=32)
     matcher = Matcher(SHAPE, (0, 32), config, Workers(1))
     views = []

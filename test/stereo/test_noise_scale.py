@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A noisy image is matched at the finest scale that shows most of what a coarse one does."""
+"""A noisy image is matched at the finest scale that shows most of the coarsest one's scene."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def test_without_noise_it_is_the_finest(noise: np.ndarray) -> None:
 
 @pytest.mark.parametrize("noise", [1.0, 2.0, 4.0])
 def test_open_water_asks_for_no_other_scale(noise: float) -> None:
-    """Neither alone nor around a reef, with a veil that is brighter above."""
+    """Neither open water alone, nor around a reef with a veil that is brighter above."""
     generator = np.random.default_rng(3)
     veil = np.linspace(130.0, 100.0, SHAPE[0])[:, np.newaxis, np.newaxis]
     image = veil + generator.normal(0.0, noise, (*SHAPE, 3))

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""A network as matcher: against its twin in NumPy, against ELAS, and what its views tell."""
+"""A network as matcher: against its twin in NumPy, against ELAS, and its confidence."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_it_tells_of_the_same_water(model: Path, frame: RenderedFrame) -> None:
         expected.mean_attenuation, abs=expected.mean_attenuation_stddev)
     truth = frame.disparity_left
     matched = np.isfinite(result.disparity)
-    # Gaps where there is nothing, and where matches are wrong.
+    # Gaps in open water, and where matches are wrong.
     assert matched[~np.isfinite(truth)].sum() < 0.02 * matched.sum()
     assert correct(result.disparity, frame) > 0.85 * matched[np.isfinite(truth)].mean()
     confidence = result.stereo.confidence
@@ -119,7 +119,7 @@ def test_what_does_not_fit_is_refused(model: Path) -> None:
 
 
 def test_views_tell_the_error_and_how_sure_a_match_is() -> None:
-    """Of errors that the mixture has, probabilities are shares."""
+    """For errors drawn from the mixture, confidence is the share of correct matches."""
     rng = np.random.default_rng(1)
     stddev, wrong, searched = 0.8, 0.15, 60
     errors = rng.normal(0, stddev, (2, 400, 500))

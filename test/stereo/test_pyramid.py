@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Matching at a fraction of the size: the published disparity stays true to the input."""
+"""Matching at reduced size: the published disparity is that of the full size."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def slope() -> np.ndarray:
 @pytest.fixture(scope="module")
 def pair() -> tuple[np.ndarray, np.ndarray]:
     columns = np.arange(WIDTH)
-    # As fine as a lens makes it: pixel by pixel, texture is measured as noise.
+    # Blurred as by a lens: texture of single pixels would be measured as noise.
     wide = blurred(texture((HEIGHT, WIDTH + 60, 3), 4, (2, 6)), 0.8)
     # The texture is the right camera's view, and what the left one sees is right of it.
     left = np.stack([
@@ -61,7 +61,7 @@ def test_a_slope_comes_back_as_it_was(factor: int) -> None:
     assert full.shape == (HEIGHT, WIDTH)
     inside = (slice(factor, height * factor - factor), slice(factor, width * factor - factor))
     np.testing.assert_allclose(full[inside], slope()[inside], atol=2e-4)
-    # At the border there is nothing to interpolate with, but something to repeat.
+    # At the border values are repeated, not interpolated.
     np.testing.assert_allclose(full, slope(), atol=0.05 * (2 * factor + 1))
 
 

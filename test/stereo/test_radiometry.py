@@ -13,7 +13,7 @@ GAIN = np.array([1.3, 0.8, 1.05])
 
 
 def pair(gain=GAIN, transfer="linear", dtype=np.uint8, disparity=7.5, noise=0.01, seed=0):
-    """A textured pair of one disparity, and points all over it."""
+    """A textured pair of one disparity, and points spread over it."""
     rng = np.random.default_rng(seed)
     left, right = stereo_pair(patches(rng.uniform(0.1, 0.6, (15, 30, 3)), 8), disparity, 200)
     images = [codes(i + noise * rng.standard_normal(i.shape), dtype, transfer)

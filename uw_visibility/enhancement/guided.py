@@ -19,13 +19,13 @@ def guided(
 ) -> Coefficients:
     """Slope and offset of a value as a linear function of the guide, fitted in windows.
 
-    Each is the mean over all windows that hold a cell; windows are cut at the border.
+    Both are averaged over all windows that contain a cell; windows are cut at the border.
 
     value, weight, guide: (h, w) float32; weights are positive.
-    radius: of a window, in cells.
+    radius: radius of a window, in cells.
     smoothness: variance of the guide below which it counts as flat.
-    residual: where given, a window counts by its weight over this variance plus that of the values
-        beside the fit; all windows count alike without it.
+    residual: if given, a window's weight in the average is the sum of its weights over this
+        variance plus that of the fit's residuals; otherwise all windows have the same weight.
     """
     total = _box(weight, radius)
     middle, level, both, square = (

@@ -1,10 +1,10 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Range of every pixel and what is known of it, both smooth but for the edges of the image.
+"""Range of every pixel and its reliability, both smoothed without blurring image edges.
 
-A range that fills a gap is a guess, and so is a match without texture, as in open water; restored
-by it, a picture shows the guess's outlines. So restoration fades with what is known of ranges.
-By a guided filter on cells (He and Sun, arXiv 1505.00996).
+Ranges in filled gaps and in areas without texture, such as open water, are uncertain, and full
+restoration by them would show false outlines. Restoration fades out with the reliability.
+Uses a guided filter on cells (He and Sun, arXiv 1505.00996).
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from uw_visibility.enhancement.guided import Plane, guided
 from uw_visibility.images.arrays import Array, Image, Mask, RangeMap
 from uw_visibility.images.noise import ROUNDING_VARIANCE
 
-# Pixels per cell, in either direction; radius of the guided filter's windows, in cells: of ranges,
-# and of what is known of them.
+# Side of a cell, px; radius of the guided filter's windows, in cells, for ranges and for their
+# reliability.
 _CELL = 8
 _RANGE_WINDOW, _KNOWN_WINDOW = 3, 4
-# Variance of the image, at a scale of 0..1, below which it counts as flat.
+# Variance of the image, scaled to 0..1, below which it counts as flat.
 _FLAT = 1e-4
-# Gaps look so many times as far, too, which counts as this part of what is nearer.
+# Matches in a second window, larger by this factor, count with this weight for gaps.
 _FARTHER, _FARTHER_COUNTS = 4, 0.1
-# Matches, as part of a window, that tell as much of its gaps as no match at all.
+# Weight of the prior for gaps, as a share of matches in a window.
 _NO_MATCH = 0.01
-# Parts of red, green and blue in OpenCV's grey (ITU-R BT.601).
+# Weights of red, green and blue in OpenCV's grey (ITU-R BT.601).
 _GREY = np.array([0.299, 0.587, 0.114])
-# Second differences of white noise have this many times its variance.
+# Kernel of second differences, and their variance for white noise of variance 1.
 _SECOND_DIFFERENCES = np.array([[-1.0, 2.0, -1.0]], np.float32)
 _OF_NOISE = 6.0
-# Inverse ranges, 1/m: one that is not told from infinity's, and the largest.
+# Smallest inverse range, which stands for infinity, and largest one, 1/m.
 _INFINITY, _NEAREST = 1e-4, 1e3
 
 
 class KnownRange(NamedTuple):
-    """Range without holes, (H, W) float32, m, and what is known of it, (H, W) float32, 0..1."""
+    """Range without holes, (H, W) float32, m, and its reliability, (H, W) float32, 0..1."""
 
     range_map: RangeMap
     known: Plane
@@ -48,22 +48,21 @@ def known_range(
     image: Image, range_map: RangeMap, matched: Mask, noise: Array, attenuation: Array,
     range_error: float, max_gap: int,
 ) -> KnownRange:
-    """Range of every pixel, and the part of the restoration that it is known well enough for.
+    """Range of every pixel, and its reliability: the factor by which restoration is reduced.
 
-    With an optical thickness βd of standard deviation σ, the gain of least squares is
-    E[e^(-βd)] / E[e^(-2βd)] = e^(βd) e^(-3σ²/2): the second factor is what is known. Inverse range
-    has the variance of the matcher times one and noise over texture; in gaps, that of what
-    surrounds them, too.
+    If the optical thickness βd has the standard deviation σ, the least-squares gain is
+    E[e^(-βd)] / E[e^(-2βd)] = e^(βd) e^(-3σ²/2); the second factor is the reliability. The variance
+    of inverse range is the matcher's times (1 + noise variance over texture variance); in gaps, the
+    variance of surrounding matches is added.
 
     image: (H, W, 3) or (H, W) of uint8 or uint16, pixel values.
-    range_map: (H, W) float32, range, m, with gaps filled; NaN and infinity are beyond all that is
-        seen.
+    range_map: (H, W) float32, range, m, with gaps filled; NaN counts as infinity.
     matched: (H, W) bool, pixels whose range was measured.
     noise: (C,) float64, standard deviation of the image's noise, in code values.
-    attenuation: (C,) float64, β, 1/m; NaN where not assessable, and nothing is known where all are.
-        The clearest channel's counts, by which one sees farthest.
+    attenuation: (C,) float64, β, 1/m; NaN where not assessable. The smallest is used; if all are
+        NaN, the reliability is 0.
     range_error: standard deviation of a matched inverse range, 1/m.
-    max_gap: how far gaps look for matches, px.
+    max_gap: radius of the window in which gaps use matches, px.
     """
     height, width = matched.shape
     half = ((width + 1) // 2, (height + 1) // 2)
@@ -73,7 +72,7 @@ def known_range(
     guide = _resize(grey.astype(np.float32), half) * full
     small = _resize(guide, cells)
     with np.errstate(divide="ignore", invalid="ignore"):
-        # What is larger of NaN and 0 is 0.
+        # `fmax` replaces NaN by 0.
         inverse = np.minimum(np.fmax(np.float32(1.0) / range_map[::2, ::2], 0.0), _NEAREST)
     share = _resize(matched[::2, ::2].astype(np.float32), cells)
     value = _resize(inverse, cells)
@@ -87,7 +86,7 @@ def known_range(
     thickness = float(np.fmin.reduce(attenuation, initial=np.inf)) / smooth
     variance = range_error**2 * relative + (1.0 - share) * spread
     known = np.exp(-1.5 * variance * (thickness / smooth) ** 2)
-    # A cell at the border of what is known holds both sides. What is known well stays sharp.
+    # Cells at the border of reliable range are mixed. Reliable range is not smoothed.
     known = cv2.erode(known, np.ones((3, 3), np.uint8))
     planes = (*along, *guided(known, np.ones_like(known), small, _KNOWN_WINDOW, _FLAT), known**4)
     slope, offset, known_slope, known_offset, sharp = (
@@ -111,10 +110,10 @@ def _blur(plane: Plane, radius: int) -> Plane:
 
 
 def _noise_over_texture(small: Plane, noise: Array, full: np.float32) -> Plane:
-    """Variance of noise over that of texture along rows, which matches rest upon.
+    """Variance of noise over that of texture along rows, on which matching depends.
 
-    Texture is what exceeds twice the noise. Differences are second ones, since light that changes
-    evenly, as in open water, matches anywhere.
+    Texture is the variance of second differences beyond twice that of noise. A linear change of
+    light, as in open water, does not count, since it matches anywhere.
     """
     weights = _GREY if noise.size == 3 else np.ones(1)
     grey = float(weights**2 @ (noise**2 + ROUNDING_VARIANCE))
@@ -126,7 +125,7 @@ def _noise_over_texture(small: Plane, noise: Array, full: np.float32) -> Plane:
 
 
 def _spread(weight: Plane, value: Plane, error: float, reach: int) -> Plane:
-    """Variance of the inverse range (1/m²) of a gap, by the matches around it and its filling."""
+    """Variance of inverse range in gaps, 1/m², from surrounding matches and the filled value."""
     near, mean, square = (
         _blur(plane, reach) + _FARTHER_COUNTS * _blur(plane, _FARTHER * reach)
         for plane in (weight, weight * value, weight * value * value))

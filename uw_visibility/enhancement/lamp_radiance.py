@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Radiance recovery under lamps: ρ = (E − scattered) / direct, the gain limited."""
+"""Radiance recovery under lamps: ρ = (E − scattered) / direct, with limited gain."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from uw_visibility.images.noise import noise_stddev
 from uw_visibility.optics.lamps import RANGES, LightField
 from uw_visibility.optics.transfer import encode_table, linear_table
 
-# However noisy an image is, a white patch of so little light is made white.
+# Gain that is allowed in any noise.
 _LEAST_GAIN = math.exp(0.5)
-# Logarithm of the least gain: of white four times as bright as the largest pixel value.
+# ln of the least gain, for white four times as bright as the largest pixel value.
 _LOWEST = -math.log(4.0)
-# Nodes of range for a unit of its logarithm.
+# Nodes per unit of ln range.
 _NODES = 1.0 / math.log(RANGES[1] / RANGES[0])
 
 
 class LampRestorer:
-    """Radiance recovery under lamps as images of limited gain; see `restore`."""
+    """Radiance recovery under lamps with limited gain; see `restore`."""
 
     def __init__(self, config: EnhancementConfig, transfer: str, workers: Workers) -> None:
         self._config = config
@@ -45,20 +45,20 @@ class LampRestorer:
         field: LightField,
         noise: Array | None = None,
     ) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
-        """Radiance recovery under lamps: even light over image and range, as under white light.
+        """Recover the radiance under lamps: the result is as in even, white light.
 
-        A white patch becomes the largest pixel value, wherever it is. Where hardly any
-        light is, the gain is limited and what is seen fades to black; a channel whose gain
-        is limited takes what it lacks from the others, so that the far has no colour of its
-        own. A range that is unknown, or infinite, is taken as far. A channel with NaN in `field` is
-        handed on as it is. See `Restorer.restore` for the rest.
+        A white patch becomes the largest pixel value, at any place and range. Where there is hardly
+        any light, the gain is limited and the image fades to black; a channel whose gain is limited
+        is complemented by the mean of all, so that far surfaces have no colour cast. Unknown and
+        infinite ranges count as the farthest one of `field`. A channel with NaN in `field` stays
+        unchanged. See `Restorer.restore` for parameters and returned values.
         """
         planes = as_channels(image, range_map)
         if planes.shape[2] != 3:
-            raise InputError("light of lamps restores images of three channels: give RGB")
+            raise InputError("restoration under lamps needs three channels: give RGB images")
         decode = linear_table(self._transfer, image.dtype)
         noise = noise_stddev(image) if noise is None else noise
-        # Noise in the dark, where gains are large.
+        # Noise at low irradiance, where gains are large.
         error = irradiance_noise(noise, decode, np.full(3, 1.0 / 64.0, np.float32))
         most = np.maximum(self._config.max_noise / np.maximum(error, 1e-9), _LEAST_GAIN)
         brightest = np.nan_to_num(np.exp(field.log_direct)).reshape(3, -1).max(axis=1)
@@ -85,9 +85,9 @@ def _restore(
     start: int, stop: int, image: Any, distance: Any, decode: Any, encode: Any, light: Any,
     grid: Any, limits: Any, known: Any, grain: Any, enhanced: Any, limited: Any,
 ) -> None:
-    """Restore a band of rows, plane by plane, which makes vector code.
+    """Restore a band of rows, plane by plane, so that the compiler vectorises loops.
 
-    `light` is (Y, 3, X, R, 2); `grain` (3, H, W) is handed on as it is.
+    `light` is (Y, 3, X, R, 2); `grain` (H, 3, W) is left out, and added again without gain.
     """
     width = image.shape[1]
     last_row, last_column = light.shape[0] - 1, light.shape[2] - 1
@@ -115,7 +115,7 @@ def _restore(
         here[:] = (one - share) * light[j] + share * light[j + 1]
         for x in range(width):
             at = distance[y, x]
-            # Written so that NaN fails it.
+            # False for NaN.
             inside = at >= zero and at < farthest
             at = max(at, nearest) if inside else farthest
             place = min(np.log(at / nearest) * np.float32(_NODES), last_node)
@@ -134,7 +134,7 @@ def _restore(
                 e, f = (one - fx) * fz, fx * fz
                 gain[x] = -(a * plane[i, k, 0] + b * plane[i + 1, k, 0]
                             + e * plane[i, k + 1, 0] + f * plane[i + 1, k + 1, 0])
-                value[c, x] = decode[image[y, x, c]] - grain[c, y, x] - (
+                value[c, x] = decode[image[y, x, c]] - grain[y, c, x] - (
                     a * plane[i, k, 1] + b * plane[i + 1, k, 1]
                     + e * plane[i, k + 1, 1] + f * plane[i + 1, k + 1, 1])
             for x in range(width):
@@ -151,7 +151,7 @@ def _restore(
                 radiance = value[c, x] + (best - kept[c, x]) * mean
                 radiance = radiance if radiance > zero else zero
                 radiance = radiance if radiance < one else one
-                value[c, x] = (radiance + grain[c, y, x]) * top + half
+                value[c, x] = (radiance + grain[y, c, x]) * top + half
         for c in range(3):
             for x in range(width):
                 enhanced[y, x, c] = (

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Dense, edge-preserving disparity from a coarse map and the image (section II-E).
 
-By a weighted guided filter on a pyramid of coarse grids (its coefficients on a coarse grid: He and
-Sun, arXiv 1505.00996). The guide is grey: by colours no more pixels are matched right. Filling from
-coarser scales where data are thin: Gortler et al., doi 10.1145/237170.237200
-(push-pull).
+Uses a weighted guided filter on a pyramid of coarse grids (coefficients on a coarse grid: He and
+Sun, arXiv 1505.00996). The guide is grey, since a colour guide gave no more correct pixels. Sparse
+areas are filled from coarser scales (push-pull: Gortler et al., doi 10.1145/237170.237200).
 """
 
 from __future__ import annotations
@@ -22,19 +21,18 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import DisparityMap, Mask
 from uw_visibility.images.cells import fold, spread
 
-# Pixels of the image per cell of the finest grid, in either direction.
+# Side of a cell of the finest grid, px.
 CELL = 4
-# Variance of position (px²) added to that of the data, so that data in one row, or
-# one pixel, which have no slope across it, get none.
+# Variance of position, px², added to that of the data: the slope is 0 in directions in which the
+# data do not extend, as across a single row.
 SLOPE_PRIOR = 1.0
-# Weight of what the next coarser grid says. It keeps sums that divide away
-# from zero where there are no data, and is negligible beside data.
+# Weight of the next coarser grid: negligible beside data, but avoids division by 0 without data.
 FLOOR = np.float32(1e-3)
-# Variance, px², added to a window's residual before windows are weighed with
-# its inverse: windows across a depth edge that the image does not explain count little.
+# Variance, px², added to a window's residual before windows are weighted by its inverse: windows
+# across a depth edge that is not in the image count little.
 RESIDUAL = 0.05
-# A mesh across a depth edge is a steep ramp that is nowhere true: where disparity
-# changes by this much (px) within a cell, it counts half.
+# Change of disparity within a cell, px, that halves its weight: a mesh is wrong across depth edges,
+# where it is a steep ramp.
 STEEP = 2.0
 
 
@@ -49,11 +47,11 @@ class _Cells(NamedTuple):
 def refine(
     coarse: DisparityMap, guide: NDArray[Any], config: EnhancementConfig | None = None
 ) -> DisparityMap:
-    """Refine a coarse disparity map, a mesh or single points, and make it dense.
+    """Make a coarse disparity map, a mesh or single points, dense and edge-preserving.
 
-    Disparity is taken as a linear function of the grey image within each window of a radius, over a
-    plane fitted to all data. What has no data nearby follows the next coarser grid, up to
-    the whole image.
+    A plane is fitted to all data, and the residual disparity is modelled as a linear function of
+    the grey image within each window. Windows without data use the next coarser grid, up to the
+    whole image.
 
     Parameters
     ----------
@@ -67,13 +65,12 @@ def refine(
     Returns
     -------
     (H, W) float32 ndarray
-        Disparity, px, between the smallest and the largest given; NaN everywhere where there is
-        none.
+        Disparity, px, between the smallest and the largest given; all NaN if none is given.
 
     Raises
     ------
     InputError
-        If the image does not fit the map.
+        If the image has another size than the map, or is neither uint8 nor uint16.
     """
     config = config or EnhancementConfig()
     if guide.shape[:2] != coarse.shape:
@@ -102,9 +99,9 @@ def refine(
 def _reduce(
     coarse: DisparityMap, known: Mask, image: Plane, across: Plane, down: Plane
 ) -> tuple[_Cells, tuple[float, float, float]]:
-    """Average over cells, and take off the plane of the disparities.
+    """Average over cells, and subtract a plane fitted to the disparities.
 
-    Of the plane returns the slopes per px along x and y and the value at (0, 0).
+    Returns the cells, and of the plane the slopes per px along x and y and the value at (0, 0).
     """
     seen = known.astype(np.float32)
     count = fold(seen, CELL, 0.0)
@@ -128,7 +125,7 @@ def _reduce(
 
 
 def _halved(cells: _Cells) -> _Cells:
-    """The next coarser grid: means of what is known in two by two cells."""
+    """The next coarser grid: means over two by two cells, where they have data."""
     total = fold(cells.weight, 2, 0.0)
     known = fold((cells.weight > 0).astype(np.float32), 2, 0.0)
     weighted = fold(cells.weight * cells.value, 2, 0.0)
@@ -138,9 +135,9 @@ def _halved(cells: _Cells) -> _Cells:
 
 
 def _regress(cells: _Cells, radius: int, smoothness: float) -> Coefficients:
-    """Slope over the guide and offset of disparity, means over all windows that hold a cell.
+    """Slope over the guide and offset of disparity, averaged over all windows that contain a cell.
 
-    `smoothness` is the regularisation ε of the slope, variance of a guide of 0..1.
+    `smoothness` is the regularisation ε of the slope, in units of the guide's variance.
     """
     prior: Plane = np.zeros_like(cells.value)
     if max(cells.value.shape) > 2 * radius + 1:
@@ -151,6 +148,6 @@ def _regress(cells: _Cells, radius: int, smoothness: float) -> Coefficients:
 
 
 def _evaluate(coefficients: Coefficients, side: int, guide: Plane) -> Plane:
-    """Disparity (H, W) by the coefficients of cells and the guide."""
+    """Disparity (H, W) from the coefficients of cells and the guide."""
     slope, offset = (spread(plane, side, guide.shape) for plane in coefficients)
     return np.asarray(slope * guide + offset)

@@ -15,29 +15,31 @@ from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
-from uw_visibility.enhancement.grain import find_grain
+from uw_visibility.enhancement.grain import REACH, find_grain
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, RangeMap
 from uw_visibility.images.noise import ROUNDING_VARIANCE, noise_stddev
 from uw_visibility.optics.light_model import Water, scene_light_of
 from uw_visibility.optics.transfer import encode_table, linear_table
 
-# Deviation of radiance by that of the veil, as part of white, by which half is restored.
+# Standard deviation of radiance by the veil's error, as part of white, that halves restoration.
 _MOST_VEIL = 0.5
-# Gains are worked out up to so many times `max_gain`; there hardly a part of them is left.
+# Gains are clipped at this multiple of `max_gain`, where less than 0.1 % of restoration is left.
 _BEYOND = 64.0
-# Noise beside detail may have this part of what rounding may: of 0.1 to 1 the largest by which
-# steps of the gain in traced scenes, with noise of one code, are 2 codes (`judge --pictures`).
+# Rows that are restored at once: whole cells of grain, and temporaries that fit a cache.
+_BAND = 128
+# Limit of noise beside detail, as part of `max_noise`: of 0.1 to 1 the largest with which steps of
+# the gain are 2 codes in traced scenes with noise of one code (`judge --pictures`).
 _GRAIN = 0.2
-# However noisy an image, what is near is restored by 1 / (1 + this), that is 0.8.
+# Limit of N by noise: near surfaces get 1 / (1 + this) = 0.8 of restoration in any noise.
 _MOST_NOISE = 0.25
 
 
 class _Channels(NamedTuple):
-    """Attenuation (1/m), veil B, light W and errors of an image's channels, as kernels take them.
+    """Attenuation (1/m), veil B, light W and errors of an image's channels, for kernels.
 
-    `exposure`, `noise` and `veil_error` are X, N and V of `_restore`. A channel that is not
-    assessable stays as it is, by infinite noise. The paper's model is W = B.
+    `exposure`, `noise` and `veil_error` are X, N and V of `_restore`. Infinite noise marks a
+    channel that is not assessable, which stays unchanged. The paper's model is W = B.
     """
 
     attenuation: NDArray[np.float32]
@@ -49,9 +51,9 @@ class _Channels(NamedTuple):
 
 
 class Restorer:
-    """Radiance recovery as images of limited gain (`max_gain` limits exp(βd)); see `restore`.
+    """Radiance recovery with limited gain (`max_gain` limits exp(βd)); see `restore`.
 
-    `transfer` is ``"linear"`` or ``"srgb"``: how pixel values follow light, in and out.
+    `transfer` of input and output is ``"linear"`` or ``"srgb"``.
     """
 
     def __init__(
@@ -74,14 +76,14 @@ class Restorer:
         noise: Array | None = None,
         known: NDArray[np.float32] | None = None,
     ) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
-        """Radiance recovery as an image, as far as noise, veil and range are known (eq. 8).
+        """Recover the radiance (eq. 8), less where noise or errors of veil and range are large.
 
-        Radiance is relative to the light on the scene: 1, a white patch, becomes the
-        largest pixel value. Of what restoration would change, each channel gets the part that
-        Wiener's filter leaves of its gain (Wiener 1949): less where noise or an error of the veil
-        would be amplified. So open water and all whose range is unknown keep their look, and the
-        far fades into it. Grain stays as it is, see `uw_visibility.enhancement.grain`. A channel
-        that is not assessable is handed on as it is.
+        Radiance is relative to the light on the scene: 1, a white patch, becomes the largest pixel
+        value. In each channel the change by restoration is multiplied by the ratio of a Wiener
+        filter's gain to exp(βd) (Wiener 1949), which is smaller where noise or an error of the veil
+        would be amplified. So open water and pixels of unknown range stay unchanged, and far
+        surfaces fade into them. Grain is not amplified, see `uw_visibility.enhancement.grain`.
+        A channel that is not assessable stays unchanged.
 
         Parameters
         ----------
@@ -90,46 +92,63 @@ class Restorer:
         range_map : (H, W) float32 ndarray
             Range along the line of sight, m; unknown where NaN, inf or negative.
         water : Water
-            `attenuation`, `ambient_light` (the veil B) and, where it is another one,
-            `scene_light` (W), one value a channel; `veil_stddev`, where the veil is not exact;
-            `exposure` over that of the camera whose look is kept, where it is another one.
+            `attenuation`, `ambient_light` (the veil B) and, if it differs, `scene_light` (W), one
+            value per channel; `veil_stddev`, if the veil is not exact; `exposure`, relative to the
+            camera whose exposure the result has, if it differs.
         noise : (3,) or (1,) float64 ndarray, optional
             Standard deviation of the image's noise in code values; measured by default.
         known : (H, W) float32 ndarray, optional
-            What is known of the range, 0..1, see `known_range`; all by default.
+            Reliability of the range, 0..1, see `known_range`; 1 by default.
 
         Returns
         -------
         enhanced : ndarray
-            Of the image's shape and type.
+            With the image's shape and type.
         limited : (H, W) bool ndarray
             Where an assessable channel is restored by less than half.
         """
         planes = as_channels(image, range_map)
         decode = linear_table(self._transfer, image.dtype)
+        encode = encode_table(self._transfer, image.dtype)
         noise = noise_stddev(image) if noise is None else noise
         channels = self._prepare(water, planes.shape[2], noise, decode)
+        enhanced = np.empty(planes.shape, image.dtype)
+        limited = np.zeros(range_map.shape, np.bool_)
+        height = planes.shape[0]
+
+        def restore_bands(start: int, stop: int) -> None:
+            for top in range(start * _BAND, min(stop * _BAND, height), _BAND):
+                band = slice(top, min(top + _BAND, height))
+                above = max(top - REACH, 0)
+                grain = find_grain(planes[above : band.stop + REACH], noise, decode)[top - above :]
+                gain, trust = self._gain(
+                    range_map[band], None if known is None else known[band], channels.attenuation)
+                _restore(
+                    planes[band], gain, trust, decode, encode, *channels[1:], grain,
+                    enhanced[band], limited[band])
+
+        self._workers.rows(restore_bands, -(-height // _BAND))
+        return enhanced.reshape(image.shape), limited
+
+    def _gain(
+        self, range_map: RangeMap, known: NDArray[np.float32] | None,
+        attenuation: NDArray[np.float32],
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """exp(βd) of each channel, (C, h, w), limited, and what is known of the range, (h, w)."""
         ranged = (range_map >= 0) & (range_map < np.inf)
         trust = np.where(ranged, np.float32(1) if known is None else known, np.float32(0))
         distance = np.where(ranged, range_map, np.float32(0))
-        # A range that overflows is beyond the limit, as it is.
+        # Overflow gives infinity, which is clipped below.
         with np.errstate(over="ignore"):
-            thickness = channels.attenuation[:, np.newaxis] * distance.ravel()
-        # NumPy's minimum and exponential take four times as long.
+            thickness = attenuation[:, np.newaxis] * distance.ravel()
+        # OpenCV's minimum and exponential are four times as fast as NumPy's.
         thickness = cv2.min(thickness, math.log(_BEYOND * self._max_gain))
-        gain = cv2.exp(thickness).reshape(-1, *range_map.shape)
-        enhanced = np.empty(planes.shape, image.dtype)
-        limited = np.zeros(range_map.shape, np.bool_)
-        self._workers.rows(
-            _restore, planes.shape[0], planes, gain, trust, decode,
-            encode_table(self._transfer, image.dtype), *channels[1:],
-            find_grain(planes, noise, decode), enhanced, limited)
-        return enhanced.reshape(image.shape), limited
+        return np.asarray(cv2.exp(thickness).reshape(-1, *range_map.shape), np.float32), trust
 
     def _prepare(
         self, water: Water, count: int, noise: Array, decode: NDArray[np.float32]
     ) -> _Channels:
-        """Convert a water's state, and the errors of what it restores, to what kernels take."""
+        """Convert the water's state and the errors of restoration to arrays for kernels."""
         attenuation = np.atleast_1d(np.asarray(water.attenuation, dtype=np.float64))
         veil = np.atleast_1d(np.asarray(water.ambient_light, dtype=np.float64))
         light = np.atleast_1d(scene_light_of(water))
@@ -155,8 +174,8 @@ class Restorer:
 def irradiance_noise(noise: Array, decode: NDArray[np.float32], veil: NDArray[np.float32]) -> Array:
     """Standard deviation of the irradiance near the veil, where gains are large, (C,).
 
-    `noise` is in code values. Rounding counts as noise: amplified, its steps show as bands of
-    false colour.
+    `noise` is in code values. Rounding counts as noise, since amplified it shows as bands of false
+    colour.
     """
     codes = np.sqrt(noise**2 + ROUNDING_VARIANCE)
     at = np.clip(np.searchsorted(decode, veil), 1, decode.size - 1)
@@ -164,7 +183,7 @@ def irradiance_noise(noise: Array, decode: NDArray[np.float32], veil: NDArray[np
 
 
 def as_channels(image: NDArray[np.generic], range_map: RangeMap) -> NDArray[np.generic]:
-    """View an image as (H, W, C), after a check that it fits its range."""
+    """View an image as (H, W, C); refuse one that differs in size from its range map."""
     if image.shape[:2] != range_map.shape:
         raise InputError(
             f"image of shape {image.shape} does not fit a range map of shape {range_map.shape}: "
@@ -175,20 +194,20 @@ def as_channels(image: NDArray[np.generic], range_map: RangeMap) -> NDArray[np.g
 
 @njit(nogil=True, error_model="numpy")
 def _restore(
-    start: int, stop: int, image: Any, gain: Any, trust: Any, decode: Any, encode: Any, veil: Any,
+    image: Any, gain: Any, trust: Any, decode: Any, encode: Any, veil: Any,
     light: Any, exposure: Any, noise: Any, veil_error: Any, grain: Any, enhanced: Any, limited: Any,
 ) -> None:
-    """Restore a band of rows: E/X + k (ρ - E/X), ρ = B/W + (E/W - B/W) exp(βd) within 0..1.
+    """Restore rows: E/X + k (ρ - E/X), ρ = B/W + (E/W - B/W) exp(βd) within 0..1.
 
-    X is `exposure`, `gain` (C, H, W) is exp(βd), and k is Wiener's part of it: `trust` over
-    1 + N exp(2βd) + V (exp(βd) - 1)², with `noise` N and `veil_error` V; with infinite N a
-    channel stays as it is.
-    What the best channel has more, a channel takes from the mean of all, each counting by its k:
-    else the channel that water takes first would turn all that is far into its colour.
-    What is changed is the image without its `grain` (C, H, W), which is handed on as it is.
+    X is `exposure`, `gain` (C, H, W) is exp(βd), and k is `trust` over
+    1 + N exp(2βd) + V (exp(βd) - 1)², with `noise` N and `veil_error` V. A channel with infinite N
+    stays unchanged.
+    A channel moves by the largest k minus its own towards the channels' k-weighted mean radiance:
+    otherwise the most attenuated channel would leave a colour cast on far surfaces.
+    E is the image without its `grain` (H, C, W), which is added again without gain.
 
-    A row is worked on plane by plane in small buffers, since the compiler makes vector code of
-    loops over contiguous floats without lookups, branches or calls.
+    Rows are processed plane by plane in small buffers: the compiler vectorises loops over
+    contiguous floats without lookups, branches or calls.
     """
     width, count = image.shape[1], image.shape[2]
     seen = np.empty((count, width), np.float32)
@@ -201,7 +220,7 @@ def _restore(
     half = np.float32(0.5)
     one = np.float32(1)
     zero = np.float32(0)
-    for y in range(start, stop):
+    for y in range(image.shape[0]):
         for x in range(width):
             for c in range(count):
                 seen[c, x] = decode[image[y, x, c]]
@@ -214,7 +233,7 @@ def _restore(
             inverse = one / light[c]
             water = veil[c] / light[c]
             for x in range(width):
-                seen[c, x] -= grain[c, y, x]
+                seen[c, x] -= grain[y, c, x]
                 e = gain[c, y, x]
                 radiance = water + (seen[c, x] * inverse - water) * e
                 radiance = radiance if radiance > zero else zero
@@ -237,7 +256,7 @@ def _restore(
                     limited[y, x] |= k < half
                     plane[x] += (
                         k * (restored[c, x] - plane[x]) + (best[x] - k) * (mean[x] - plane[x]))
-                    plane[x] += grain[c, y, x] * inverse
+                    plane[x] += grain[y, c, x] * inverse
             for x in range(width):
                 plane[x] = plane[x] * top + half
         for x in range(width):

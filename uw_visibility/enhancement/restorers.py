@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Image restorers by name: that of the light model, and a network of one's own."""
+"""Image restorers by name: the light model's, and a user's network."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from uw_visibility.optics.light_model import Water
 
 
 class OnnxRestorer:
-    """Network (`EnhancementConfig.model`) in the place of `Restorer`; water and range are not used.
+    """Network (`EnhancementConfig.model`) with `Restorer`'s interface; ignores water and range.
 
-    Raises `InputError` if the model is missing or is not of this kind; see `Network`.
+    Raises `InputError` if the model is missing or unsuitable, see `Network`.
     """
 
     def __init__(self, config: EnhancementConfig, transfer: str, workers: Workers) -> None:
         self._config, self._threads = config, workers.threads
         load(config, "enhancement", 1, self._threads)
         self._network: tuple[tuple[int, int], Network] | None = None
-        # Both views of a pair are restored at once.
+        # The views of a pair are restored in parallel threads.
         self._lock = threading.Lock()
 
     def restore(
         self, image: Any, range_map: RangeMap, water: Water, noise: PerChannel | None = None,
         known: Any = None, /,
     ) -> tuple[Any, Mask]:
-        """Return the image as the network restores it; no pixel counts as limited.
+        """Return the image restored by the network, and an empty mask of limited pixels.
 
         Raises `uw_visibility.images.network.NetworkError` if the network fails.
         """
@@ -58,8 +58,8 @@ class OnnxRestorer:
 RESTORERS: dict[str, Callable[[EnhancementConfig, str, Workers], Restorer | OnnxRestorer]] = {
     "radiance": Restorer, ONNX: OnnxRestorer,
 }
-"""Makers of restorers, of parameters, transfer and threads: another one is an entry here, with the
-call `Restorer.restore`."""
+"""Factories of restorers, called with parameters, transfer and threads. A further restorer needs an
+entry here and a method like `Restorer.restore`."""
 
 RESTORER = EnhancementConfig.restorer
-"""The default of the parameter `enhancement.restorer`, and the only one under lamps."""
+"""Default of the parameter `enhancement.restorer`, and the only restorer under lamps."""

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """White balance of the restored image: white that the camera has balanced stays white.
 
-Restoration divides by the light W on the scene. Where a camera has balanced its white
-under water, patches that are white already would take on the colour that the estimate of
-W is off by; so their colour in the image, not that of W, says what white is.
+Restoration divides by the light W on the scene. If the camera's white balance was set under water,
+white patches are neutral already, and an error of W would tint them. Their colour in the image is
+then used as white instead of that of W.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from uw_visibility.optics.light_model import (
 )
 from uw_visibility.optics.transfer import linear_table
 
-# Pixels with a range that are looked at, at the most, and at least.
+# Approximate number of sampled pixels, and least number of them with a range.
 _SAMPLES = 10_000
 _FEWEST = 200
-# Farther than this optical thickness, noise alone is restored as brighter than white.
+# Largest optical thickness: beyond, noise alone may be restored brighter than white.
 _MOST_THICKNESS = 1.5
-# White is looked for in the brightest of them that are not saturated, this part.
+# Share of the samples, the brightest, that may be white.
 _BRIGHTEST = 0.01
-# Saturation (max - min) / max of their light up to which they are white for certain,
-# and from which on they are not.
+# Colour saturation (max - min) / max of their median up to which they count as white fully, and
+# from which on not at all.
 _NEUTRAL = (0.06, 0.12)
-# Part of the pixels that may be restored as brighter than white.
+# Largest share of samples that are restored brighter than white.
 _OVEREXPOSED = 0.005
-# What rounding leaves in the mean of many pixels, in code values.
+# Quantisation error of the mean of many pixels, in code values.
 _QUANTISATION = 0.3
 
 
 class RestorationWater(NamedTuple):
-    """Attenuation β (1/m), veil B and scene light W for restoration, one value a channel.
+    """Attenuation β (1/m), veil B and scene light W for restoration, one value per channel.
 
-    NaN is not assessable. `veil_stddev` is None where the veil is taken for exact. `balanced` is
-    how far W was taken from the camera's own white: 0 not at all, 1 wholly. `exposure` is that of
-    the image over that of the left one.
+    NaN is not assessable. `veil_stddev` is None if the veil is taken as exact. `balanced` is the
+    weight of the camera's own white in W, 0..1. `exposure` is that of the image over that of the
+    left one.
     """
 
     attenuation: Array
@@ -59,17 +59,16 @@ class RestorationWater(NamedTuple):
 def restoration_water(
     image: Image, range_map: RangeMap, measured: Mask, water: Water, transfer: str
 ) -> RestorationWater:
-    """Correct veil and scene light for restoration: the camera's white stays, the far is even.
+    """Correct veil and scene light for restoration: the camera's white stays white.
 
-    The brightest unsaturated pixels are taken for white where their colour in the image is
-    neutral: of light that is not balanced, water would have taken the red. W is then scaled
-    in each channel so that their restored colour is the one they had. Where much of the
-    scene would be restored as brighter than white, as sunlit sand before a dark wall, W is
-    raised alike in all channels. Before, the veil is moved within its deviation (`veil_stddev` of
-    the water, where it has one), see `level_veil`.
+    First, the veil is adjusted within its uncertainty (`veil_stddev`, if the water has it), see
+    `level_veil`. The brightest unsaturated pixels count as white if their colour in the image is
+    neutral: without white balance under water they would lack red. W is then scaled per channel so
+    that restoration keeps their colour. If too many pixels would be restored brighter than white,
+    such as sunlit sand before a dark wall, W is raised by the same factor in all channels.
 
-    Only ranges that were `measured` count. Where too little is seen or assessable, the water stays
-    as it was.
+    Only `measured` ranges count. Veil or W stay unchanged if too few samples determine them, or if
+    no channel is assessable.
     """
     attenuation = np.array(water.attenuation, np.float64, ndmin=1)
     veil = np.array(water.ambient_light, np.float64, ndmin=1)
@@ -79,7 +78,7 @@ def restoration_water(
     if not seen.any():
         return RestorationWater(attenuation, veil, light)
     if not seen.all():
-        # A channel without light stays as it is.
+        # Channels that are not assessable stay as they are.
         part = restoration_water(
             image[..., seen], range_map, measured, RestorationWater(
                 attenuation[seen], veil[seen], light[seen],
@@ -112,7 +111,7 @@ def restoration_water(
 
 
 def _white(irradiance: Array, radiance: Array) -> tuple[Array, float]:
-    """Factor of each channel's light by which the camera's white stays, and how sure it is one."""
+    """Factors on W, (C,), that keep the camera's white, and the weight of that white, 0..1."""
     channels = len(irradiance)
     unchanged = np.ones(channels), 0.0
     brightness = irradiance.sum(axis=0)
@@ -122,7 +121,7 @@ def _white(irradiance: Array, radiance: Array) -> tuple[Array, float]:
     certain, not_at_all = _NEUTRAL
     weight = float(np.clip((not_at_all - saturation) / (not_at_all - certain), 0.0, 1.0))
     restored = np.median(radiance[:, bright], axis=1)
-    # Without all three channels nothing is seen to be neutral.
+    # Neutral colour cannot be recognised without all three channels.
     if channels < 3 or weight == 0.0 or restored.min() <= 0.0:
         return unchanged
     factor = (restored / restored.mean()) / (shown / shown.mean())
@@ -137,18 +136,18 @@ def _samples(image: Image, range_map: RangeMap, measured: Mask) -> tuple[NDArray
     usable = measured[::stride, ::stride].ravel() & (distance > 0) & (distance < np.inf)
     usable &= (codes < np.iinfo(image.dtype).max).all(axis=0)
     chosen = np.flatnonzero(usable)
-    # Each channel in a piece, which a mask of both axes would not leave them in.
+    # `take` keeps each channel contiguous; a boolean mask would not.
     return codes.take(chosen, axis=1), distance[chosen].astype(np.float64)
 
 
-# Bins of range, of equal ratio, the pixels that one needs, and how many neighbours show one object.
+# Number of bins, equally wide in ln range; least number of pixels in a bin; number of adjacent bins
+# that count as one, since they show the same object.
 _BINS, _FEWEST_IN_BIN, _NEIGHBOURS = 24, 50, 3.0
-# Scatter of the mean radiance from one range to another.
+# Standard deviation of the mean radiance over ranges.
 _SCATTER = 0.3
-# A veil that is known worse than to this part is not moved as far as it may be: dark depths stay
-# dark.
+# Largest relative standard deviation of the veil's prior, so that dark water stays dark.
 _MOST = 0.1
-# Of a bin of which less light is left, nothing is seen.
+# Least mean transmission of a bin that is used.
 _LEAST_LEFT = 1e-3
 
 
@@ -163,15 +162,14 @@ def level_veil(
 ) -> tuple[Array, Array]:
     """Veil for which radiance depends least on range, and its standard deviation.
 
-    The veil moves as far as the deviation that it is known with lets it.
+    The prior of the veil has the given mean and standard deviation, of at most `_MOST` of the mean.
 
-    Restoration of the far multiplies an error of the veil by e^(βd): of 2 % at an optical
-    thickness of 3 it makes 0.4 of white. What lies far is as bright as what lies near, but for
-    the scatter from one range to another; as a prior of Bayes' rule that tells the veil better
-    than the dark envelope does. Nothing of it goes into the estimate that is published. The mean
-    radiance of a bin is linear in the veil: a weighted least-squares solution. Where radiance
-    depends on range all the same, the deviation is larger by Birge's ratio (1932, doi
-    10.1103/PhysRev.40.207).
+    Restoration at long range multiplies an error of the veil by e^(βd): 2 % at an optical thickness
+    of 3 become 0.4 of white. Far surfaces are on average as bright as near ones, but for a scatter
+    over ranges; this prior determines the veil better than the dark envelope does. It is not used
+    in the published estimate. A bin's mean radiance is linear in the veil, so that the solution is
+    weighted least squares. If radiance depends on range all the same, the standard deviation is
+    increased by Birge's ratio (1932, doi 10.1103/PhysRev.40.207).
 
     irradiance: (C, N) float64, of pixels, 0..1.
     distance: (N,) float64, their range, m, above 0 and finite.
@@ -188,7 +186,7 @@ def level_veil(
         return veil, stddev
     level, left_over = veil.copy(), np.array(stddev, np.float64)
     for c in range(len(veil)):
-        # The bin's mean of e^(-βd) is not that at its mean range.
+        # The mean of e^(-βd) over a bin differs from its value at the mean range.
         left = _mean(transmission(attenuation[c], distance), bins, count)[full]
         shown = left > _LEAST_LEFT
         gain = shown / np.where(shown, left, 1.0)

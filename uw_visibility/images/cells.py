@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Square cells of pixels: sums, and other reductions, over each, and back to pixels."""
+"""Square cells of pixels: reduction over each cell, and interpolation back to pixels."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def fold(
     ----------
     values : (H, W, ...) ndarray
     side : int
-        Of a cell.
+        Side of a cell, px.
     beyond : float, optional
-        What lies beyond the border; by default what lies at the border.
+        Value outside of the border; by default pixels at the border are repeated.
     how : numpy.ufunc
-        What reduces.
+        The reduction.
 
     Returns
     -------
@@ -38,12 +38,12 @@ def fold(
             np.pad(values, pad, mode="edge") if beyond is None
             else np.pad(values, pad, constant_values=beyond))
     rows = how.reduce(values.reshape(height, side, *values.shape[1:]), axis=1)
-    # Over a short last axis NumPy reduces ten times more slowly than over a first one.
+    # NumPy reduces over a short last axis ten times more slowly than over a first one.
     return np.asarray(how.reduce([rows[:, i::side] for i in range(side)]))
 
 
 def spread(cells: NDArray[Any], side: int, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Interpolate (h, w, ...) at the middles of cells linearly to pixels of a shape (H, W)."""
+    """Interpolate values at centres of cells, (h, w, ...), linearly to pixels of a shape (H, W)."""
     size = cells.shape[1] * side, cells.shape[0] * side
     pixels = cv2.resize(cells, size, interpolation=cv2.INTER_LINEAR)
     return np.asarray(pixels[: shape[0], : shape[1]])

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Colour as codecs and mosaics leave it: at its own resolution, with noise that pixels hide."""
+"""Colour at the resolution of codec or mosaic, with noise that the pixels do not show."""
 
 from __future__ import annotations
 
@@ -17,20 +17,18 @@ from uw_visibility.images.pair import read_only
 
 @dataclass(frozen=True, eq=False)
 class ChromaImage:
-    """Colour at its native (subsampled) resolution, with the codec's noise."""
+    """Colour at its native (subsampled) resolution, with the noise of codec or interpolation."""
 
-    # (h, w, 3) of uint8 or uint16, or None, RGB at that resolution; None where that is the image
-    # itself
-    pixels: Image | None
-    scale: int = 1  # a pixel is the mean of so many times so many of the camera's
-    # (3,) float64 or None, standard deviation of R, G, B in 8-bit code values that the smoothest
-    # parts of the image do not show: what a codec rounds where there is texture, and what
-    # interpolation smooths. None where there is none.
+    pixels: Image | None  # (h, w, 3) uint8 or uint16, RGB at that resolution; None: the image
+    scale: int = 1  # a pixel is the mean of scale × scale pixels of the camera
+    # (3,) float64 or None, standard deviation of noise of R, G, B in 8-bit code values that
+    # `noise_stddev` does not measure: rounding of texture by a codec, and noise smoothed by
+    # interpolation. None without such noise.
     hidden_noise: Array | None = None
 
     @property
     def swapped(self) -> ChromaImage:
-        """The same with red and blue exchanged."""
+        """This colour with red and blue exchanged."""
         pixels, noise = self.pixels, self.hidden_noise
         return replace(
             self,
@@ -42,9 +40,9 @@ class ChromaImage:
 def mosaic_chroma(image: Image, pattern: str) -> ChromaImage:
     """Chroma noise of an image (H, W, 3) that was demosaiced from a pattern such as ``"rggb"``.
 
-    Interpolation smooths noise, but leaves each pixel as it was in the channel that the
-    sensor has measured there. These are two pixels apart, over which texture looks like
-    noise; how much of it is noise is told by green, which has neighbours nearer by.
+    Interpolation smooths noise, but keeps the measured channel of each pixel. Measured pixels of a
+    channel are two pixels apart, so that texture adds to their differences; the share of noise is
+    estimated from green, which also has nearer neighbours.
     """
     height, width = image.shape[0] // 2 * 2, image.shape[1] // 2 * 2
     cells = np.empty((height // 2, width // 2, 3), image.dtype)
@@ -57,7 +55,7 @@ def mosaic_chroma(image: Image, pattern: str) -> ChromaImage:
 
 
 def subsampled_chroma(image: Image) -> ChromaImage:
-    """Colour of an image (H, W, 3) whose pixels share it in twos, as in YUV 4:2:2."""
+    """Colour at half resolution of an image (H, W, 3) whose chroma is subsampled, as in 4:2:2."""
     height, width = image.shape[0] // 2, image.shape[1] // 2
     whole = image[: 2 * height, : 2 * width]
     half = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
@@ -65,16 +63,16 @@ def subsampled_chroma(image: Image) -> ChromaImage:
 
 
 def _noise_share(green: Image, pattern: str) -> float:
-    """Return the part of green's variance over two pixels that is noise.
+    """Return the share of noise in the variance of green between pixels two apart.
 
-    Texture adds as the fourth power of the distance that it is seen over, noise alike.
+    Variance by texture rises with the fourth power of the distance, variance by noise is constant.
     """
     row, column = divmod(pattern.index("g"), 2)
     one = green[row::2, column::2].astype(np.float32)
     other = green[1 - row::2, 1 - column::2].astype(np.float32)
     middle = one[1:-1, 1:-1]
     far = middle - (one[:-2, 1:-1] + one[2:, 1:-1] + one[1:-1, :-2] + one[1:-1, 2:]) / 4
-    # The other green pixels of the cells above and left, or right, are as near.
+    # The other green pixels of these cells are diagonal neighbours.
     shift = slice(2, None) if column else slice(None, -2)
     near = middle - (
         other[1:-1, 1:-1] + other[:-2, 1:-1] + other[1:-1, shift] + other[:-2, shift]
@@ -84,7 +82,7 @@ def _noise_share(green: Image, pattern: str) -> float:
 
 
 def _smoothest(difference: NDArray[np.floating]) -> float:
-    """Return the variance of differences in the smoothest blocks; 0 where there is none."""
+    """Return the variance of differences in the smoothest blocks; 0 without any."""
     size = difference.shape[1] // BLOCK, difference.shape[0] // BLOCK
     if min(size) < 1:
         return 0.0
@@ -95,5 +93,5 @@ def _smoothest(difference: NDArray[np.floating]) -> float:
 
 
 def code_value(pixels: Image) -> float:
-    """Return how many code values of an image, uint8 or uint16, are one of 8 bits."""
+    """Return the number of an image's code values (uint8 or uint16) per 8-bit code value."""
     return float((np.iinfo(pixels.dtype).max + 1) / 256)

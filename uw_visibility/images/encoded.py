@@ -1,9 +1,9 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Encoded images: header and completeness are checked before anything is decoded.
+"""Encoded images: size, and completeness of PNG and JPEG, are checked before decoding.
 
-A few bytes can claim any size, and a decoder takes the memory for it first. Decoders fill what is
-missing or damaged with grey or with wrong pixels, and report nothing.
+A short file can declare any size, for which decoders allocate memory first. Decoders fill missing
+or damaged parts with grey or wrong pixels, without an error.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ PNM = re.compile(rb"P[56](?:\s+#[^\n]*)*\s+(\d{1,9})(?:\s+#[^\n]*)*\s+(\d{1,9})\
 MOST_PIXELS = 100_000_000
 """Larger images are refused: no camera on a vehicle has as many pixels."""
 MOST_BYTES = 8 * MOST_PIXELS
-"""Bytes of a file: four channels of 16 bit, not compressed."""
-# A progressive JPEG has some ten scans, and each costs the time of an image.
+"""Largest size of a file, bytes: four channels of 16 bit, not compressed."""
+# A progressive JPEG has some ten scans, and each takes as long to decode as an image.
 MOST_SCANS = 100
 
-# ITU-T T.81, table B.1: markers of a frame, and those that stand alone.
+# ITU-T T.81, table B.1: start-of-frame markers, and markers without a segment.
 FRAMES = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 ALONE = frozenset({0x01, *range(0xD0, 0xD8)})
 SCAN, END = 0xDA, b"\xff\xd9"
 BASELINE, PROGRESSIVE = (0xC0, 0xC1), 0xC2
 COEFFICIENTS = 64
-# What ends the codes of a scan: among them 0xFF stands before zeros and restarts alone.
+# Marker that ends a scan's data, in which 0xFF precedes only zeros and restart markers.
 MARKER = re.compile(rb"\xff[\x01-\xcf\xd8-\xfe]")
 
-# TIFF 6.0: types SHORT and LONG, and tags of sizes.
+# TIFF 6.0: types SHORT and LONG, and tags of image and tile size.
 TIFF_TYPES = {3: "H", 4: "I"}
 TIFF_WIDTH, TIFF_HEIGHT, TIFF_TILE_WIDTH, TIFF_TILE_HEIGHT = 256, 257, 322, 323
 
 
 class TruncatedError(InputError):
-    """The image ends before its last row."""
+    """The encoded image is incomplete."""
 
 
 class Header(NamedTuple):
@@ -58,9 +58,9 @@ class Header(NamedTuple):
 
 
 def read_header(data: bytes) -> Header:
-    """Read the size of a PNG, JPEG, TIFF or binary PNM, and check that it is complete.
+    """Read the size of a PNG, JPEG, TIFF or binary PNM; check that a PNG or JPEG is complete.
 
-    `TruncatedError` where its end is missing; refused beyond `MOST_PIXELS`.
+    Raises `TruncatedError` if it is not, `InputError` if it is damaged or beyond `MOST_PIXELS`.
     """
     if data.startswith(PNG):
         header = _read_png(data)
@@ -73,10 +73,10 @@ def read_header(data: bytes) -> Header:
     else:
         raise InputError("it is neither PNG, JPEG nor TIFF")
     if header.width < 1 or header.height < 1:
-        raise InputError(f"it is damaged: it claims {header.width}x{header.height} pixels")
+        raise InputError(f"it is damaged: it declares {header.width}x{header.height} pixels")
     if header.width * header.height > MOST_PIXELS:
         raise InputError(
-            f"it claims {header.width}x{header.height} pixels, more than {MOST_PIXELS}"
+            f"it declares {header.width}x{header.height} pixels, more than {MOST_PIXELS}"
         )
     return header
 
@@ -84,13 +84,13 @@ def read_header(data: bytes) -> Header:
 def decode(data: bytes) -> NDArray[Any]:
     """Decode an image as it is stored, (H, W) or (H, W, C): depth and channels are not converted.
 
-    Channels are in OpenCV's order, blue first. Refused as by `read_header`, and if it cannot be
-    decoded, codes of a JPEG are missing or left over, or it has neither 8 nor 16 bit per channel.
+    Channels are in OpenCV's order, blue first. Raises as `read_header`, and if decoding fails, data
+    of a JPEG are missing or left over, or the image has neither 8 nor 16 bit per channel.
     """
     header = read_header(data)
     image: NDArray[Any] | None = None
     if data.startswith(JPEG):
-        # Imported here, since images without loss need no compiled code.
+        # Imported here, since lossless images need no compiled code.
         from uw_visibility.images.jpeg_scan import check_blocks
 
         check_blocks(data)
@@ -103,16 +103,16 @@ def decode(data: bytes) -> NDArray[Any]:
     if image is None or image.shape[:2] != (header.height, header.width):
         raise InputError("it is damaged, and cannot be decoded")
     if image.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"it holds {image.dtype}: give 8 or 16 bit per channel")
+        raise InputError(f"it has type {image.dtype}: give 8 or 16 bit per channel")
     return image
 
 
 def _decode_jpeg(data: bytes) -> NDArray[np.uint8] | None:
     """Decode a grey or RGB image by Pillow, to the same pixels as OpenCV; None for all others.
 
-    OpenCV lets the codec write what it thinks of the data to standard error.
+    With OpenCV the codec would print warnings to standard error.
     """
-    # Imported here, since images without loss need none of it.
+    # Imported here, since lossless images do not need it.
     from PIL import Image
 
     try:
@@ -129,7 +129,7 @@ def _decode_jpeg(data: bytes) -> NDArray[np.uint8] | None:
 
 
 def _read_png(data: bytes) -> Header:
-    """Walk the chunks, of which each has a checksum (W3C PNG, section 5)."""
+    """Read the size of a PNG, and check its chunks by their checksums (W3C PNG, section 5)."""
     view = memoryview(data)
     header: Header | None = None
     at = len(PNG)
@@ -143,23 +143,23 @@ def _read_png(data: bytes) -> Header:
             raise InputError("it is damaged: a checksum differs")
         if header is None:
             if kind != b"IHDR" or length != 13:
-                raise InputError("it is damaged: it does not begin with its size")
+                raise InputError("it is damaged: its first chunk is not a header")
             header = Header(*struct.unpack_from(">II", data, at + 8))
         if kind == b"IEND":
             return header
         at = end
-    raise TruncatedError("it has no end: it is truncated")
+    raise TruncatedError("its end is missing: it is truncated")
 
 
 def segments(data: bytes) -> Iterator[tuple[int, bytes, int]]:
-    """Walk the segments of a JPEG up to its end (ITU-T T.81, annex B).
+    """Iterate over the segments of a JPEG up to its end (ITU-T T.81, annex B).
 
-    Yields each one's marker and content, and where what follows it begins, as a scan's codes do.
+    Yields marker, content, and the position after the segment, where the data of a scan begin.
     """
     at, scanned = 2, False
     while at + 4 <= len(data):
         if scanned:
-            # Behind codes some encoders fill up.
+            # Skip the scan's data, and padding by some encoders.
             marker = MARKER.search(data, at)
             if marker is None:
                 return
@@ -181,14 +181,14 @@ def segments(data: bytes) -> Iterator[tuple[int, bytes, int]]:
 
 
 def _read_jpeg(data: bytes) -> Header:
-    """Read the size of a JPEG, and refuse one without an end, or with parts of scans missing.
+    """Read the size of a JPEG; refuse one without an end or with missing scans.
 
-    A decoder takes what is there for a coarse image and smooths over the rest (T.81, G.1.1.1.1).
+    Without some scans decoders would return a coarse, smoothed image (T.81, G.1.1.1.1).
     """
     header: Header | None = None
     progressive = False
     scans = last = 0
-    # By component, to how many bits less than all each coefficient is known.
+    # Number of missing low-order bits of each coefficient, by component.
     missing: dict[int, list[int]] = {}
     for kind, content, at in segments(data):
         if kind == SCAN:
@@ -201,29 +201,29 @@ def _read_jpeg(data: bytes) -> Header:
             height, width = struct.unpack_from(">HH", content, 1)
             header = Header(width, height)
             if kind not in (*BASELINE, PROGRESSIVE):
-                # Of arithmetic codes no decoder tells whether they are damaged.
-                raise InputError("it is no baseline or progressive JPEG, as cameras write")
+                # Decoders do not detect damage of arithmetic codes.
+                raise InputError("it is a JPEG that is neither baseline nor progressive")
             progressive = kind == PROGRESSIVE
             missing = {component: [COEFFICIENTS] * COEFFICIENTS for component in content[6::3]}
     if scans == 0:
-        raise TruncatedError("it has no image in it: it is truncated or damaged")
-    # A preview in one of the segments before the scans has an end of its own.
+        raise TruncatedError("it has no image data: it is truncated or damaged")
+    # A preview in a segment before the scans has an end marker, too.
     if data.rfind(END) < last:
-        raise TruncatedError("it has no end: it is truncated")
+        raise TruncatedError("its end is missing: it is truncated")
     if any(map(any, missing.values())):
-        raise TruncatedError("scans of it are missing: it is truncated")
+        raise TruncatedError("some of its scans are missing: it is truncated")
     if header is None:
-        raise InputError("it is damaged: it does not tell its size")
+        raise InputError("it is damaged: its size is missing")
     return header
 
 
 def _take_scan(missing: dict[int, list[int]], content: bytes, progressive: bool) -> None:
-    """Note the bits of coefficients that a scan brings, by its segment's content."""
+    """Update the missing bits of coefficients by the content of a scan's segment."""
     band = slice(content[-3], content[-2] + 1) if progressive else slice(None)
     before, after = (content[-1] >> 4, content[-1] & 15) if progressive else (0, 0)
     for component in content[1 : 1 + 2 * content[0] : 2]:
         bits = missing.get(component, [])
-        # A scan that refines rests on the one before it.
+        # A refinement counts only if the scan that it refines was there.
         bits[band] = [after if before in (0, k) else k for k in bits[band]]
 
 
@@ -241,8 +241,8 @@ def _read_tiff(data: bytes) -> Header:
                 )
         header = Header(tags[TIFF_WIDTH], tags[TIFF_HEIGHT])
     except (struct.error, KeyError) as error:
-        raise TruncatedError("it does not tell its size: it is truncated or damaged") from error
-    # Decoders take memory for a tile, which need not be smaller than the image.
+        raise TruncatedError("its size is missing: it is truncated or damaged") from error
+    # Decoders allocate memory for a tile, which may be larger than the image.
     if tags.get(TIFF_TILE_WIDTH, 1) * tags.get(TIFF_TILE_HEIGHT, 1) > MOST_PIXELS:
-        raise InputError(f"it claims tiles of more than {MOST_PIXELS} pixels")
+        raise InputError(f"it declares tiles of more than {MOST_PIXELS} pixels")
     return header

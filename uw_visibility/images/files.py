@@ -27,7 +27,7 @@ def read_image(path: str | Path) -> Image:
     Returns
     -------
     ndarray, (H, W) or (H, W, 3), uint8 or uint16
-        The image, RGB where it has colour; a transparency channel is left out.
+        The image, RGB if it has colour; a transparency channel is dropped.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def read_image(path: str | Path) -> Image:
 
 
 def write_png(path: str | Path, image: Image) -> None:
-    """Write an image without loss.
+    """Write an image as PNG, without loss.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def write_pfm(path: str | Path, values: NDArray[np.float32]) -> None:
     path : str or Path
         The file.
     values : ndarray, (H, W) float32
-        The map; stored little endian, the bottom row first, as the format asks.
+        The map; stored in little endian, bottom row first, as the format requires.
 
     Raises
     ------
@@ -85,5 +85,3 @@ def write_pfm(path: str | Path, values: NDArray[np.float32]) -> None:
     height, width = values.shape
     header = f"Pf\n{width} {height}\n-1.0\n".encode("ascii")
     write_whole(path, header + values[::-1].astype("<f4").tobytes())
-
-

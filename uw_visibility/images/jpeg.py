@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """JPEG chroma at its stored resolution, restored within its quantisation intervals, with its noise.
 
-The file holds each coefficient of a block's cosine transform (ITU-T T.81) rounded to
-a multiple of its step: the true one lies within half of a step. Steps of colour are
-coarse, so that most of its detail is rounded to none, while brightness keeps its own.
-Decoded as it stands, a dark speck is dark by as much in all channels, also in one
-that water has left little of, and red comes out below black. But light and shade move
-colour along with brightness: the part that a block's coarse coefficients show tells
-of its fine ones. So each is taken where brightness predicts it, within the file's interval.
+The file holds each coefficient of a block's cosine transform (ITU-T T.81) rounded to a multiple of
+its step: the true value is within half a step. Steps of chroma are coarse, so that most of its
+detail is rounded to 0, while luma keeps its detail. After plain decoding a dark speck is darker by
+the same amount in all channels, also in one that water attenuates strongly: red would be below
+black. But light and shade change chroma in proportion to luma, and the coarse coefficients of a
+block show the slope. Each coefficient is therefore predicted from luma within the file's interval.
 """
 
 from __future__ import annotations
@@ -36,13 +35,13 @@ _BLOCK = 8
 class _Layout(NamedTuple):
     """Chroma layout of a JPEG: subsampling and blocks."""
 
-    scale: int  # the resolution at which it is read is the image's over this
-    rows: int  # pixels of it to a block of colour
+    scale: int  # the image's resolution over that at which chroma is read
+    rows: int  # size of a chroma block at the latter resolution
     columns: int
     exact: bool  # whether libjpeg decodes at that resolution without loss
 
 
-# By how Pillow names them: 4:4:4, 4:2:2 and 4:2:0.
+# By Pillow's code: 4:4:4, 4:2:2 and 4:2:0.
 _LAYOUTS = {0: _Layout(1, 8, 8, True), 1: _Layout(2, 4, 8, False), 2: _Layout(2, 8, 8, True)}
 
 
@@ -51,22 +50,22 @@ class _File(NamedTuple):
 
     layout: _Layout
     planes: NDArray[np.uint8]  # (h, w, 3): Y, Cb, Cr
-    shape: tuple[int, int]  # rows and columns that show all of their pixels
+    shape: tuple[int, int]  # rows and columns, without incomplete ones at the border
     steps: list[Array]  # (8, 8) of Y, Cb, Cr
 
 
-# Variance of a coefficient of colour that brightness does not tell.
+# Variance of a chroma coefficient that luma does not predict.
 UNRELATED_VARIANCE = 0.5
-# Rounds of prediction within the intervals, and of the slope that fits it.
+# Iterations of the prediction within intervals and of its slope.
 ROUNDS = 3
-# Rounds that find how far true coefficients are from predicted ones.
+# Iterations of the estimate of the prediction errors' scale.
 SCALE_ROUNDS = 30
-# Rows of blocks of which one is counted: they are many.
+# Every so many rows of blocks are enough for statistics.
 STRIDE = 4
-# Deviations below this part of a step are as good as none.
+# Least scale of prediction errors, in steps.
 LEAST_SCALE = 1.0 / 300.0
 NEUTRAL = np.float32(128.0)
-# R, G, B of Y, Cb and Cr: ITU-T T.871.
+# Matrix from Y, Cb, Cr to R, G, B (ITU-T T.871).
 TO_RGB = np.array([[1.0, 0.0, 1.402], [1.0, -0.344136, -0.714136], [1.0, 1.772, 0.0]])
 
 Blocks = NDArray[np.float32]
@@ -76,14 +75,14 @@ Blocks = NDArray[np.float32]
 def jpeg_chroma(data: bytes) -> ChromaImage | None:
     """Read the chroma of a JPEG at its stored resolution.
 
-    Of half of the image's resolution in 16 bit, or of all of it in 8 bit. None where the file holds
-    no colour, or holds it in a form that is not known: its pixels have to do.
+    It has half of the image's resolution and 16 bit, or full resolution and 8 bit. None if the file
+    has no colour or an unsupported layout, so that the image's pixels are to be used.
     """
     file = _read(data)
     if file is None:
         return None
     scale, rows, columns, exact = file.layout
-    # Steps of the transform over these blocks instead of over 8x8 pixels.
+    # Factor from steps of 8x8 blocks to those of blocks of this size, in an orthonormal transform.
     size = math.sqrt(rows * columns) / _BLOCK
     brightness = _blocks(file.planes[..., 0], rows, columns)
     light = _transform(brightness)
@@ -95,7 +94,7 @@ def jpeg_chroma(data: bytes) -> ChromaImage | None:
         planes.append(restored)
         variances.append(variance)
         slopes.append(slope)
-    # Means of pixels are finer than their codes.
+    # Means of pixels have finer steps than 8 bit.
     code, dtype = (257, np.uint16) if scale > 1 else (1, np.uint8)
     joined = cv2.merge([each.swapaxes(1, 2).reshape(
         each.shape[0] * rows, each.shape[1] * columns) for each in planes])
@@ -111,14 +110,14 @@ def file_chroma(path: str | Path, pixels: NDArray[Any]) -> ChromaImage | None:
     Parameters
     ----------
     path : str or Path
-        Of any format.
+        File of any image format.
     pixels : ndarray
-        ``(H, W, 3)`` or ``(H, W)``, what was read of it.
+        ``(H, W, 3)`` or ``(H, W)``, the image read from it.
 
     Returns
     -------
     ChromaImage or None
-        None where the pixels say all that there is.
+        None where the pixels are to be used instead, see `jpeg_chroma`.
 
     Raises
     ------
@@ -132,7 +131,7 @@ def file_chroma(path: str | Path, pixels: NDArray[Any]) -> ChromaImage | None:
 
 
 def warm_up_chroma(image: Image8) -> ChromaImage | None:
-    """Compile what follows a file's codes, and return the chroma of a JPEG of an image."""
+    """Compile the check of JPEG codes, and return the chroma of an image encoded as JPEG."""
     from PIL import Image
 
     chroma = None
@@ -145,7 +144,7 @@ def warm_up_chroma(image: Image8) -> ChromaImage | None:
 
 
 def _read(data: bytes) -> _File | None:
-    # Imported here, since images without loss need none of it.
+    # Imported here, since lossless images do not need it.
     from PIL import Image, JpegImagePlugin
 
     try:
@@ -163,7 +162,7 @@ def _read(data: bytes) -> _File | None:
         if not np.all(tables):
             return None
     except (OSError, SyntaxError, LookupError, Image.DecompressionBombError):
-        # Damage, or a size beyond Pillow's limit, that OpenCV has decoded all the same.
+        # Damage, or a size beyond Pillow's limit, that OpenCV decodes all the same.
         return None
     if not layout.exact:
         whole = planes[: layout.scale * height, : layout.scale * width]
@@ -173,7 +172,7 @@ def _read(data: bytes) -> _File | None:
 
 
 def _light_variance(file: _File) -> float:
-    """Variance that rounding took from Y."""
+    """Variance of a pixel of Y by quantisation, in squared 8-bit code values."""
     scale = file.layout.scale
     size = _BLOCK // scale
     steps = (file.steps[0][:size, :size] / scale).astype(np.float32)
@@ -183,14 +182,14 @@ def _light_variance(file: _File) -> float:
 
 
 def _noise(light: float, colour: Array, slopes: Array) -> Array:
-    """Standard deviation of R, G, B, of which colour follows the errors of light."""
+    """Standard deviation of R, G, B; errors of luma also enter predicted chroma, by the slopes."""
     of_colour = TO_RGB[:, 1:]
     return np.asarray(
         np.sqrt((1.0 + of_colour @ slopes) ** 2 * light + of_colour**2 @ colour))
 
 
 def _blocks(plane: NDArray[np.uint8], rows: int, columns: int) -> Blocks:
-    """Blocks of an image; beyond it its last pixels go on."""
+    """Blocks of an image, whose border pixels are repeated to fill the last ones."""
     height, width = plane.shape
     tall, wide = -(-height // rows), -(-width // columns)
     padded = np.pad(
@@ -206,33 +205,33 @@ def _transform(blocks: Blocks) -> Blocks:
 def _restore(
     light: Blocks, colour: Blocks, steps: NDArray[np.float32], exact: bool
 ) -> tuple[Blocks, float, float]:
-    """Restore a plane of colour within the file's intervals, as brightness predicts it.
+    """Restore a chroma plane by its prediction from luma, within the file's intervals.
 
-    `light` and `colour` are coefficients, `steps` (rows, columns) those of the quantisation;
-    `exact` says that the planes hold the file's coefficients unchanged but for rounding.
+    `light` and `colour` are coefficients of luma and chroma, `steps` (rows, columns) those of the
+    quantisation; with `exact` the coefficients are the file's, but for rounding of pixels.
 
-    Returns pixels in blocks, the variance that is still missing from one, and the mean change of
-    colour with brightness where there is texture.
+    Returns pixels in blocks, the variance of a pixel's remaining error, and the mean slope of
+    chroma over luma, weighted by texture.
     """
     weight = 1.0 / (steps**2 / 12.0 + UNRELATED_VARIANCE)
-    # The mean is no detail; how it goes along with brightness, its neighbours tell.
+    # A block's mean has no slope of its own: that over its neighbours' means is used.
     along, against = (
         weight[0, 0] * each for each in _neighbours(light[..., 0, 0], colour[..., 0, 0]))
     weight[0, 0] = 0.0
     if exact:
-        # Decoding has rounded to whole numbers what the file has.
+        # Undo the decoder's rounding of pixels: the file has multiples of the steps.
         colour = np.rint(colour / steps) * steps
     square = against + np.einsum("vu,ijvu->ij", weight, light**2)
     slopes = np.zeros(light.shape[:2], np.float32)
     reach = 0.5 * steps
     for k in range(ROUNDS):
-        # At first the middle of the interval, then what is predicted within it.
+        # First the middle of the interval, then the prediction clipped to it.
         within = colour
         if k > 0:
             within = colour + np.clip(
                 slopes[..., np.newaxis, np.newaxis] * light - colour, -reach, reach)
         product = along + np.einsum("vu,ijvu,ijvu->ij", weight, light, within, optimize=True)
-        # A slope is of the order of 1: that is all that a block without texture tells.
+        # Prior of the slope: mean 0, variance 1; it decides in blocks without texture.
         slopes = (product / (square + 1.0)).astype(np.float32)
     away = slopes[..., np.newaxis, np.newaxis] * light - colour
     variance = _rounding_variance(*_beyond(away[::STRIDE], steps), steps, bounded=True)
@@ -244,9 +243,9 @@ def _restore(
 def _neighbours(
     light: NDArray[np.float32], colour: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Covariance of the means of colour and light of the blocks around each, and light's variance.
+    """Covariance of luma and chroma means over 3x3 blocks, and variance of luma means, (h, w) each.
 
-    In `float64`, from the mean of all: squares of means lose digits.
+    Computed in `float64` minus the overall mean, since squares of means lose digits.
     """
     y, value = (np.asarray(each - each.mean(), np.float64) for each in (light, colour))
     number, sum_y, sum_value, product, square = (
@@ -258,9 +257,9 @@ def _neighbours(
 
 
 def _beyond(away: Blocks, steps: NDArray[np.float32]) -> tuple[Array, Array]:
-    """Share of the coefficients that are predicted beyond their intervals, and how far on average.
+    """Share of coefficients predicted outside of their intervals, and their mean distance from it.
 
-    `away` is how far the prediction is from the middle of the interval.
+    `away` is the prediction minus the middle of the interval.
     """
     over = np.maximum(np.abs(away) - 0.5 * steps, 0.0)
     missed = (over > 0).sum(axis=(0, 1))
@@ -272,13 +271,13 @@ def _beyond(away: Blocks, steps: NDArray[np.float32]) -> tuple[Array, Array]:
 def _rounding_variance(
     missed: Array, beyond: Array, steps: NDArray[np.float32], bounded: bool
 ) -> float:
-    """Variance that is missing from a pixel, in squared 8-bit code values.
+    """Variance of a pixel's error by quantisation, in squared 8-bit code values.
 
-    How far true coefficients are from the predicted ones is taken as Laplace's
-    distribution, and falls with frequency as natural images do (amplitude as its
-    inverse; Field 1987, doi 10.1364/JOSAA.4.002379). Intervals tell its scale, by
-    expectation and maximisation. `bounded` says that a coefficient that was predicted beyond its
-    interval was set to the near end of it, instead of to its middle.
+    Differences of true and predicted coefficients are modelled by a Laplace distribution, whose
+    scale is inverse to frequency as amplitudes of natural images are (Field 1987,
+    doi 10.1364/JOSAA.4.002379). The scale is estimated from `_beyond` by expectation maximisation.
+    With `bounded`, a coefficient predicted outside of its interval was set to its nearest end,
+    otherwise to its middle.
     """
     detail = np.ones(steps.shape, np.bool_)
     detail[0, 0] = False

@@ -1,11 +1,11 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Huffman scan of a baseline JPEG: whether all of its blocks are there.
+"""Check that the Huffman scans of a baseline JPEG contain all of its blocks.
 
-Where the data end early, or a bit is wrong, decoders repeat the last block's brightness to the
-end, or shift and tint all that follows, and report nothing: Pillow and OpenCV refuse only files
-without an end. A cable that loses a part of a frame leaves such images, with a right end. The codes
-are followed without decoding (ITU-T T.81, F.2.2): they have to end where the data do.
+If data end early, or a bit is wrong, decoders repeat the last block's brightness, or shift and tint
+all later blocks, without an error: Pillow and OpenCV refuse only files without an end marker.
+Transmission that loses a part of a frame causes such images with a correct end. The codes are
+parsed without decoding (ITU-T T.81, F.2.2), and have to end where the data end.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.errors import InputError
-from uw_visibility.images.encoded import BASELINE, MARKER, SCAN, TruncatedError, segments
+from uw_visibility.images.encoded import BASELINE, FRAMES, MARKER, SCAN, TruncatedError, segments
 
 HUFFMAN_TABLES, RESTART_INTERVAL = 0xC4, 0xDD
 CODE_LENGTHS, LONGEST_CODE = 16, 16
-# What the kernel returns in place of where the scan ends.
+# Returned by the kernel instead of the scan's end.
 DAMAGED, CUT_OFF = -1, -2
-# Bytes that some cameras leave behind a scan, as far as they are not zeros.
+# Largest number of bytes after a scan, not counting zeros: some cameras pad it.
 MOST_PADDING = 16
 
 
 def check_blocks(data: bytes) -> None:
-    """Refuse a JPEG of which blocks are missing; of a progressive one that cannot be told.
+    """Refuse a JPEG with missing blocks; only baseline JPEGs of 8 bit are checked.
 
-    `TruncatedError` where its codes end early, `InputError` where they are damaged or left over.
+    Raises `TruncatedError` if the data end early, `InputError` if they are damaged or left over.
     """
     reader = _ScanReader(data)
     try:
@@ -46,25 +46,25 @@ def check_blocks(data: bytes) -> None:
             if end == CUT_OFF:
                 raise TruncatedError("its last rows are missing: it is truncated")
             if end == DAMAGED:
-                raise InputError("it is damaged: its codes lead astray")
+                raise InputError("it is damaged: it has an invalid code")
             marker = MARKER.search(data, end)
             over = data[end:] if marker is None else data[end : marker.start()]
             if len(over.strip(b"\0")) > MOST_PADDING:
-                raise InputError("it is damaged: codes are left over")
+                raise InputError("it is damaged: data are left over after its last block")
     except (struct.error, LookupError):
-        # What is missing here, as tables that a camera takes for known, decoders may know.
+        # Decoders may accept such a file, for example one that omits standard tables.
         return
 
 
 class _Component(NamedTuple):
-    """Sampling of a colour component: blocks of a unit, across and down."""
+    """Sampling of a colour component: blocks per unit (MCU), across and down."""
 
     across: int
     down: int
 
 
 class _ScanReader:
-    """Checks the scans of a JPEG as its segments come."""
+    """Parses the scans of a JPEG, given its segments in order."""
 
     def __init__(self, data: bytes) -> None:
         self._data = np.frombuffer(data, np.uint8)
@@ -75,8 +75,8 @@ class _ScanReader:
         self.sequential = False
 
     def take(self, kind: int, content: bytes) -> None:
-        """Take a segment before a scan; struct.error or LookupError if it is damaged."""
-        if 0xC0 <= kind <= 0xCF and kind not in (HUFFMAN_TABLES, 0xC8, 0xCC):
+        """Read a segment before a scan; struct.error or LookupError if it is damaged."""
+        if kind in FRAMES:
             precision, height, width, count = struct.unpack_from(">BHHB", content)
             self.sequential = kind in BASELINE and precision == 8
             self._size = (width, height)
@@ -85,7 +85,7 @@ class _ScanReader:
                 for k in range(count)
             }
             if not all(0 < n <= 4 for component in self._components.values() for n in component):
-                raise LookupError("sampling of a component is none")
+                raise LookupError("a sampling factor is not within 1 to 4")
         elif kind == HUFFMAN_TABLES:
             at = 0
             while at < len(content):
@@ -93,17 +93,17 @@ class _ScanReader:
                 end = at + 1 + CODE_LENGTHS + sum(lengths)
                 symbols = content[at + 1 + CODE_LENGTHS : end]
                 if len(lengths) < CODE_LENGTHS or len(symbols) < sum(lengths):
-                    raise LookupError("a table of codes is cut off")
+                    raise LookupError("a Huffman table is incomplete")
                 self._tables[content[at]] = _lookup(bytes(lengths), bytes(symbols))
                 at = end
         elif kind == RESTART_INTERVAL:
             (self._interval,) = struct.unpack_from(">H", content)
 
     def follow(self, content: bytes, at: int) -> int:
-        """Follow a scan, given its segment's content and where its data begin, to its end.
+        """Parse a scan, given its segment's content and the position of its data.
 
-        Returns where they end, or `DAMAGED` or `CUT_OFF`; LookupError if it names components or
-        tables that are not there.
+        Returns the position of its end, or `DAMAGED` or `CUT_OFF`; LookupError if it refers to
+        missing components or tables.
         """
         count = content[0]
         chosen = [(self._components[content[1 + 2 * k]], content[2 + 2 * k]) for k in range(count)]
@@ -118,7 +118,7 @@ class _ScanReader:
         return int(_follow(self._data, at, units, self._interval, blocks, coarse, fine))
 
     def _units(self, chosen: list[_Component]) -> int:
-        """Return of how many units a scan consists: of one component, of its blocks."""
+        """Number of units (MCU) of a scan; for a single component, of its blocks."""
         across = max(c.across for c in self._components.values())
         down = max(c.down for c in self._components.values())
         width, height = self._size
@@ -129,10 +129,10 @@ class _ScanReader:
         return -(-columns // 8) * -(-rows // 8)
 
 
-# Cameras use the same tables for all images.
+# Cached, since cameras use the same tables for all images.
 @lru_cache(maxsize=16)
 def _lookup(lengths: bytes, symbols: bytes) -> NDArray[np.uint16]:
-    """Length and symbol of the code that 16 bits begin with, (65536,); 0 for none."""
+    """Length × 256 + symbol of the code at the start of any 16 bits, (65536,); 0 if invalid."""
     table = np.zeros(1 << LONGEST_CODE, np.uint16)
     code = at = 0
     for length, count in enumerate(lengths, 1):
@@ -149,14 +149,14 @@ def _lookup(lengths: bytes, symbols: bytes) -> NDArray[np.uint16]:
 def _follow(
     data: Any, at: Any, units: Any, interval: Any, blocks: Any, coarse: Any, fine: Any
 ) -> Any:
-    """Follow the codes of a scan; returns where it ends, or why it does not."""
+    """Parse the codes of a scan; returns its end, or `DAMAGED` or `CUT_OFF`."""
     size = data.size
     buffer = np.uint64(0)
     held = np.int64(0)
     left = interval
     for _ in range(units):
         if interval > 0 and left == 0:
-            # Filled up to a byte, then a marker.
+            # Bits up to the next byte are padding; a restart marker follows.
             held = np.int64(0)
             buffer = np.uint64(0)
             while at < size and data[at] == 0xFF and at + 1 < size and data[at + 1] == 0xFF:
@@ -198,7 +198,7 @@ def _follow(
                     if k == 0:
                         k = np.int64(1)
                     elif bits == 0 and symbol != 0xF0:
-                        # The rest of the block is nothing.
+                        # The other coefficients of the block are zero.
                         k = np.int64(64)
                     else:
                         k += (symbol >> 4) + 1

@@ -1,10 +1,10 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Networks in ONNX that turn images into one map or image: checked, loaded and run.
+"""Networks in ONNX from images to one map or image: check, loading and inference.
 
-A model is data from outside. Its graph alone is run; what would read other files or run other
-code is found in the file's bytes and refused before onnxruntime sees them, so that the check is
-the same whatever is installed. onnxruntime is imported when a network is loaded, not before.
+Models are untrusted: only their graph is run. Models that would read other files or run other code
+are refused by the file's bytes, before onnxruntime parses them, so that the check does not depend
+on installed versions. onnxruntime is imported when a network is loaded, not before.
 """
 
 from __future__ import annotations
@@ -28,9 +28,10 @@ from uw_visibility.errors import InputError, needing, printable, refusing
 ONNX = "onnx"
 """Name of the matcher and of the restorer that are networks."""
 
-# Messages of protocol buffers are at most so large, and with them a model without external data.
+# Largest message of protocol buffers, and so of a model without external data, bytes.
 _LARGEST_FILE = (1 << 31) - 1
-# Constants are computed when a model is loaded; larger ones when it runs, within that bound.
+# Largest constant that is computed at loading, bytes; larger ones are computed in a run, within the
+# memory limit.
 _LARGEST_CONSTANT = 64 << 20
 _LARGEST_SIDE = 1 << 14
 _PROVIDERS = {
@@ -40,13 +41,13 @@ _PROVIDERS = {
     "cpu": "CPUExecutionProvider",
 }
 _TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
-# Of R, G and B, 0..1: the normalisation of torchvision's models.
+# Normalisation of R, G and B, 0..1, in torchvision's models.
 _IMAGENET_MEAN = np.array((0.485, 0.456, 0.406), np.float32)
 _IMAGENET_STDDEV = np.array((0.229, 0.224, 0.225), np.float32)
 
 
 class NetworkError(InputError):
-    """A network failed on a frame: the message names it and says how."""
+    """A network failed on a frame; the message names the network and the reason."""
 
 
 class ImageInput(NamedTuple):
@@ -60,7 +61,7 @@ class ImageInput(NamedTuple):
 
 
 class Model(NamedTuple):
-    """A model that was checked and loaded."""
+    """A checked and loaded model."""
 
     name: str  # of the file
     session: Any
@@ -68,33 +69,32 @@ class Model(NamedTuple):
 
 
 class Network:
-    """Network for images of one size, tried once when it is made.
+    """Network for images of one size, with a test run at construction.
 
-    Images that are larger than a model's fixed size are resized to it, or cut into tiles
-    (`NetworkConfig.large_images`); smaller ones are padded at the right and lower border with
-    copies of it.
+    Images larger than a model's fixed size are resized to it, or cut into tiles
+    (`NetworkConfig.large_images`); smaller ones are padded at the right and lower border by
+    replication.
 
     Parameters
     ----------
     config : NetworkConfig
-        The model, and what it does not say of itself.
+        The model's parameters.
     section : str
-        Section of these parameters, for errors.
+        Section of these parameters, for messages.
     images : int
-        How many images it takes: a pair, of which it makes a map, or one, which it changes.
+        Number of input images: 2 for the disparity map of a pair, 1 for a restored image.
     shape : tuple of int
         Height and width of the images, px.
     threads : int
-        Threads that it uses of the processor.
+        Number of CPU threads.
     disparity : int, optional
-        Largest disparity, px: what a tile of a pair shows of the left view beside its left border
-        is not in its right view.
+        Largest disparity, px: a strip of this width at the left border of a left tile is not in
+        the right tile.
 
     Raises
     ------
     InputError
-        If onnxruntime is missing, or the model is not of this kind; `NetworkError` if it cannot
-        be run.
+        If onnxruntime is missing, or the model is unsuitable; `NetworkError` if it cannot be run.
     """
 
     def __init__(
@@ -107,8 +107,8 @@ class Network:
         self.channels = first.channels
         if self.channels == 1 and config.pixel_values == "imagenet":
             raise InputError(
-                f"{section}.pixel_values is imagenet, of colours, and {self._model.name} takes "
-                "grey images: give another")
+                f"{section}.pixel_values is imagenet, for RGB images, but {self._model.name} takes "
+                "grey ones: give another value")
         self._restores = images == 1
         self._shape = shape
         self._inner = tuple(
@@ -118,15 +118,15 @@ class Network:
             side or -(-n // multiple) * multiple
             for side, n in zip(first.size, self._inner, strict=True))
         self._tiles = self._find_tiles(disparity) if config.large_images == "tiled" else []
-        # Devices compile and allocate at the first run, for as long as that takes. What it makes
-        # of blank images may be anything of the right shape.
+        # No time limit at the first run, in which devices compile and allocate. Values of the
+        # output are not checked, since the images are blank.
         self._limit = threading.TIMEOUT_MAX
         self._make(*[np.zeros((*self._inner, self.channels), np.float32)] * images)
         self._limit = config.time_limit
 
     @property
     def columns_per_px(self) -> float:
-        """Columns of the images to one of the network: a map of its pixels is so much larger."""
+        """Columns of the images per column of the network, a factor on its disparities."""
         return 1.0 if self._tiles else self._shape[1] / self._inner[1]
 
     def run(self, *images: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -140,12 +140,12 @@ class Network:
         Returns
         -------
         (H, W) or (H, W, 3) float32 ndarray
-            The map of a pair, as the network has it, or the image, 0..1; finite.
+            The network's map of a pair, in its own px, or the restored image, 0..1; finite.
 
         Raises
         ------
         NetworkError
-            If it fails, takes too long, or makes anything else.
+            If it fails, takes too long, or returns another type or shape, or NaN or infinity.
         """
         if self._inner == self._shape:
             return self._run(*images)
@@ -154,24 +154,24 @@ class Network:
         made = self._run(*[
             cv2.resize(image, self._inner[::-1], interpolation=cv2.INTER_AREA)
             .reshape(*self._inner, self.channels) for image in images])
-        # Between two surfaces there is no third.
+        # Disparities interpolated between two surfaces would be on neither.
         how = cv2.INTER_NEAREST if made.ndim == 2 else cv2.INTER_LINEAR
         return np.asarray(cv2.resize(made, self._shape[::-1], interpolation=how))
 
     def _find_tiles(self, disparity: int) -> list[tuple[tuple[slice, slice], NDArray[np.float32]]]:
-        """Return the places of all tiles, and the weights of their pixels, if there are several.
+        """Return the places of all tiles, and the weights of their pixels.
 
-        A weight is the product of the distances to the tile's borders within the image.
+        A weight is the product of the distances to the tile's borders inside of the image.
         """
         axes = []
         for n, side, beyond in zip(self._shape, self._inner, (0, disparity), strict=True):
-            # They share a quarter of their side, beside what has no partner.
+            # Tiles overlap by a quarter of their side, plus the strip without partners.
             step = side - side // 4 - beyond
             if n > side and step < side // 4:
                 raise InputError(
                     f"{self._section}.large_images: tiles are {side} px wide, less than twice the "
                     f"largest disparity, {beyond} px: set {self._section}.max_disparity to at most "
-                    f"{side // 2}, or take resized")
+                    f"{side // 2}, or {self._section}.large_images to resized")
             count = 1 - (side - n) // max(step, 1)
             at = np.arange(1, side + 1, dtype=np.float32)
             axes.append([
@@ -183,7 +183,7 @@ class Network:
             for rows, across in axes[0] for columns, along in axes[1]]
 
     def _run_tiles(self, *images: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Run the network on each tile; images are blended, of maps each pixel is of one tile."""
+        """Run the network on each tile; blend images, take maps from the tile of largest weight."""
         whole = np.zeros((*self._shape, self.channels if self._restores else 1), np.float32)
         total = np.zeros((*self._shape, 1), np.float32)
         for place, weights in self._tiles:
@@ -201,7 +201,7 @@ class Network:
         return whole[..., 0] if whole.shape[2] == 1 else whole
 
     def _run(self, *images: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return what the network makes of images of its own size."""
+        """Run the network on images of its own size."""
         made = self._make(*images)
         if not np.isfinite(made).all():
             raise self._error("gave values that are NaN or infinite")
@@ -244,7 +244,7 @@ class Network:
         return np.ascontiguousarray(ordered[np.newaxis], to.dtype)
 
     def _timed(self, feeds: dict[str, NDArray[Any]]) -> NDArray[Any]:
-        """Run the session; an operator that is at work when time is over is waited for."""
+        """Run the session within the time limit; an operator is not interrupted."""
         import onnxruntime
 
         options = onnxruntime.RunOptions()
@@ -258,13 +258,13 @@ class Network:
         timer.start()
         try:
             made, = self._model.session.run(None, feeds, options)
-        # Of what kind depends on the device; its classes share no other base.
+        # The error's type depends on the device, without another common base.
         except Exception as error:
             if over.is_set():
                 raise self._error(
                     f"took longer than {self._section}.time_limit, {self._limit:g} s") from error
             more = (
-                f" (give it more by {self._section}.network_memory)"
+                f" (increase {self._section}.network_memory)"
                 if "Available memory" in str(error) else "")
             raise self._error(f"failed: {error}{more}") from error
         finally:
@@ -272,7 +272,7 @@ class Network:
         return np.asarray(made)
 
     def _image(self, made: NDArray[Any]) -> NDArray[np.float32]:
-        """Return the network's output as a map or an image, if it is one of the right size."""
+        """Check type and shape of the network's output; return it as a map or an image."""
         channels, (height, width) = self.channels if self._restores else 1, self._outer
         wanted: list[tuple[int, ...]] = [
             (1, channels, height, width), (1, height, width, channels)]
@@ -280,8 +280,8 @@ class Network:
             wanted += [(1, height, width), (height, width)]
         if made.dtype not in _TYPES.values() or made.shape not in wanted:
             raise self._error(
-                f"gave {made.dtype} of shape {made.shape}; expected is float32 or float16 of shape "
-                f"{' or '.join(map(str, wanted))}, "
+                f"gave {made.dtype} of shape {made.shape}: it must give float32 or float16 of "
+                f"shape {' or '.join(map(str, wanted))}, "
                 f"{'the restored image' if self._restores else 'left-referenced disparity, px'}")
         if channels == 1:
             return made.reshape(height, width).astype(np.float32)
@@ -294,7 +294,7 @@ class Network:
 
 
 def load(config: NetworkConfig, section: str, images: int, threads: int) -> Model:
-    """Check and load a model that takes so many images; the last ones are kept.
+    """Check and load a model with a number of input images; the last models are cached.
 
     Raises `InputError` as `Network` does.
     """
@@ -306,7 +306,7 @@ def load(config: NetworkConfig, section: str, images: int, threads: int) -> Mode
     return _load(config.model, stamp, config.providers, section, images, threads)
 
 
-# That before the present parameters, too: a change may be taken back.
+# More than one model per section, since a change of parameters may be undone.
 @functools.lru_cache(maxsize=4)
 def _load(
     path: str, stamp: tuple[int, ...], providers: str, section: str, images: int, threads: int
@@ -318,7 +318,7 @@ def _load(
     check_content(content, name)
     wanted = _named_providers(providers, section, onnxruntime.get_available_providers())
     options = onnxruntime.SessionOptions()
-    # What it would log is in the errors that it raises.
+    # Its errors contain what it would log.
     options.log_severity_level = 4
     options.intra_op_num_threads = threads
     options.use_deterministic_compute = True
@@ -328,36 +328,36 @@ def _load(
         ("optimization.constant_folding_max_output_size_in_bytes", str(_LARGEST_CONSTANT)),
     ):
         options.add_session_config_entry(key, value)
-    # Of what kind an error is depends on the device; names may be no text.
+    # The type of an error depends on the device, and names may not be UTF-8.
     with refusing(f"model {name} cannot be loaded", Exception):
-        # Without its own fallback, which changes the providers and tells standard output alone.
+        # Its own fallback would change the providers, with a note on standard output only.
         session = onnxruntime.InferenceSession(
             content, options, providers=wanted, enable_fallback=0)
         session.disable_fallback()
         lacking = [each for each in wanted if each not in session.get_providers()]
         if lacking:
             raise InputError(
-                f"{section}.providers: {lacking[0]} does not start here (its libraries, its "
-                "device?): mend it, or leave it out")
+                f"{section}.providers: {lacking[0]} does not start: check its libraries and "
+                "device, or leave it out")
         inputs = tuple(_image_input(each, name) for each in session.get_inputs())
         outputs = [f"{each.name} {each.shape}" for each in session.get_outputs()]
     if len(inputs) != images or len({each[1:] for each in inputs}) != 1 or len(outputs) != 1:
         raise InputError(
             f"model {name} has the inputs {[tuple(each) for each in inputs]} and the outputs "
-            f"{', '.join(outputs)}; expected are {images} alike, and one output")
-    # By their names where these tell, else in order.
+            f"{', '.join(outputs)}: it must have {images} of one layout, and one output")
+    # Inputs are left and right in order, unless their names say the opposite.
     if images == 2 and "right" in inputs[0].name.lower() and "left" in inputs[1].name.lower():
         inputs = inputs[::-1]
     return Model(name, session, inputs)
 
 
-# Bound of the process, GiB: onnxruntime takes one, once.
+# Memory limit of the process, GiB, which onnxruntime accepts only once.
 _bound: list[float] = []
 _BOUNDING = threading.Lock()
 
 
 def _limit_memory(most: float, section: str) -> None:
-    """Bound what all networks of the process take of the computer's memory, GiB."""
+    """Limit the main memory of all networks of the process together, GiB."""
     import onnxruntime
 
     with _BOUNDING:
@@ -372,7 +372,7 @@ def _limit_memory(most: float, section: str) -> None:
     if most != _bound[0]:
         raise InputError(
             f"{section}.network_memory is {most:g} GiB, and networks of this process have "
-            f"{_bound[0]:g} GiB: give both sections the same, and start anew to change it")
+            f"{_bound[0]:g} GiB: give both sections the same value, and restart to change it")
 
 
 def _named_providers(text: str, section: str, available: list[str]) -> list[str]:
@@ -387,7 +387,7 @@ def _named_providers(text: str, section: str, available: list[str]) -> list[str]
 
 
 def _image_input(declared: Any, model: str) -> ImageInput:
-    """Read the layout of an input; refuse what is no image."""
+    """Read the layout of an input; refuse one that is not an image."""
     shape = [n if isinstance(n, int) and n > 0 else None for n in declared.shape]
     places = [at for at in (1, 3) if len(shape) == 4 and shape[at] in (1, 3)]
     sizes = [n for at, n in enumerate(shape) if at and at not in places]
@@ -397,7 +397,7 @@ def _image_input(declared: Any, model: str) -> ImageInput:
     ):
         raise InputError(
             f"model {model} has the input {declared.name}, {declared.type} of shape "
-            f"{declared.shape}; expected is float or float16 of shape [1, C, height, width] or "
+            f"{declared.shape}: it must be float or float16 of shape [1, C, height, width] or "
             f"[1, height, width, C], with C = 1 or 3 and sides of at most {_LARGEST_SIDE} px")
     at, = places
     height, width = sizes
@@ -406,7 +406,7 @@ def _image_input(declared: Any, model: str) -> ImageInput:
 
 
 def digests(config: PipelineConfig) -> dict[str, str]:
-    """SHA-256 of each model in use, by the name of a parameter that there might be."""
+    """SHA-256 of each model in use, by ``<section>.model_sha256``."""
     used = {
         "stereo": config.stereo.model if config.stereo.matcher == ONNX else "",
         "enhancement": config.enhancement.model if config.enhancement.restorer == ONNX else ""}
@@ -421,13 +421,13 @@ def _digest(path: str, stamp: tuple[int, ...]) -> str:
 
 
 def _stamp(path: str) -> tuple[int, ...]:
-    """Tell one content of a file from another, without reading it."""
+    """Inode, size and modification time, which change with a file's content."""
     check_regular(path, "model")
     found = Path(path).stat()
     return found.st_ino, found.st_size, found.st_mtime_ns
 
 
-# Messages of onnx.proto that can hold something to refuse, and in which fields they stand.
+# Messages of onnx.proto that may contain refused fields, by parent message and field number.
 _PARTS = {
     ("model", 7): "graph",
     ("graph", 1): "node", ("graph", 5): "tensor",
@@ -445,10 +445,10 @@ _REFUSED = {
 
 
 def check_content(content: bytes, name: str) -> None:
-    """Refuse a model's file that asks for other files, other code, or memory without end.
+    """Refuse a model's file that would read other files, run other code, or take endless memory.
 
-    Reads the wire format of protocol buffers as far as onnx.proto (ONNX 1.23) matters here.
-    Raises `InputError` naming the model and what it holds.
+    Reads the wire format of protocol buffers as far as needed for onnx.proto (ONNX 1.23).
+    Raises `InputError` with the model's name and the refused content.
     """
     waiting = [("model", memoryview(content))]
     try:
@@ -463,7 +463,7 @@ def check_content(content: bytes, name: str) -> None:
                 if at == ("node", 7) and bytes(value) not in (b"", b"ai.onnx"):
                     raise InputError(
                         f"model {name} has operators of the domain {bytes(value).decode()}: give "
-                        "one of ONNX's own operators only")
+                        "a model with ONNX's own operators only")
                 if at == ("tensor", 1):
                     elements *= math.prod(
                         [value] if isinstance(value, int) else _numbers(value))
@@ -477,11 +477,11 @@ def check_content(content: bytes, name: str) -> None:
     except (IndexError, TypeError, UnicodeDecodeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{name} is no model in ONNX, or a damaged one") from error
+        raise InputError(f"{name} is not an ONNX model, or it is damaged") from error
 
 
 def _fields(message: memoryview) -> Iterator[tuple[int, Any]]:
-    """Yield number and value of each field: whole numbers, or bytes."""
+    """Yield the number and the value of each field: an integer, or bytes."""
     at = 0
     while at < len(message):
         key, at = _number(message, at)
@@ -510,7 +510,7 @@ def _numbers(packed: memoryview) -> Iterator[int]:
 
 
 def _number(message: memoryview, at: int) -> tuple[int, int]:
-    """Read a varint: its value, and where the next field begins."""
+    """Read a varint: its value, and the position after it."""
     value = shift = 0
     while True:
         byte = message[at]

@@ -13,18 +13,18 @@ from uw_visibility.images.arrays import Array, Image
 
 BLOCK = 8
 SAMPLED_BLOCKS = 200
-# The smoothest blocks hold noise alone; the quantile is not lower still, since
-# the variance of so few pixels scatters.
+# Quantile of the blocks' variances that is taken as noise. The smoothest blocks have noise alone,
+# but with a lower quantile the scatter of so few pixels' variance would bias the estimate.
 SMOOTHEST = 0.15
 ROUNDING_VARIANCE = 1.0 / 12.0
 
 
 def noise_stddev(image: Image) -> Array:
-    """Standard deviation of the noise of each channel, in code values, without rounding's.
+    """Standard deviation of each channel's noise, (C,), in code values, without that of rounding.
 
-    Each pixel is compared with the mean of its four neighbours, in blocks
-    spread over the image; texture raises the difference, so the smoothest
-    blocks count. 0 for an image smaller than a block.
+    Each pixel is compared with the mean of its four neighbours, in blocks spread over the image.
+    Texture raises the difference, so that only the smoothest blocks count. 0 for an image smaller
+    than a block with its neighbours.
     """
     planes = image[..., np.newaxis] if image.ndim == 2 else image
     height, width, channels = planes.shape
@@ -36,8 +36,8 @@ def noise_stddev(image: Image) -> Array:
     columns = (width - BLOCK - 2) // stride + 1
     variances = np.zeros((rows * columns, channels))
     _block_variances(planes, stride, columns, variances)
-    # The mean of four neighbours adds a quarter of the variance; blocks of one
-    # value, as in padding, hold no noise to measure.
+    # The mean of four neighbours adds a quarter of the variance. Blocks of a single value, as in
+    # padding, do not count.
     for channel in range(channels):
         alive = variances[variances[:, channel] > 0, channel]
         if len(alive):
@@ -47,7 +47,7 @@ def noise_stddev(image: Image) -> Array:
 
 
 def _smoothest(variances: Array) -> float:
-    """Return the quantile `SMOOTHEST`, as numpy's does but in a third of the time."""
+    """Return the quantile `SMOOTHEST`, three times as fast as `numpy.quantile`."""
     ordered = np.sort(variances)
     place = SMOOTHEST * (len(ordered) - 1)
     below = int(place)
@@ -65,7 +65,7 @@ def _block_variances(image: Any, stride: int, columns: int, variances: Any) -> N
             for y in range(top, top + BLOCK):
                 for x in range(left, left + BLOCK):
                     total += _squared_difference(image, y, x, channel)
-            # Differences are four times those from the mean of four.
+            # `_squared_difference` is of four times the difference: 16 times as large.
             variances[block, channel] = total / (16.0 * BLOCK * BLOCK)
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Overview of a frame: before, after and range in colours, side by side, with a scale.
 
-Viridis: it rises in lightness, so that who is colour-blind, and a grey print, tell far from near.
+The lightness of Viridis rises, so that range is visible in grey prints and to the colour-blind.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 
 from uw_visibility.images.arrays import DisparityMap, Image, Image8, RangeMap
 
-# The colours reach over the disparities that this share of the matched pixels has, %, but not to
-# those whose error is this part of them: such a range may as well be infinite.
+# Colours cover disparities between these percentiles of the matched pixels, but none whose relative
+# error exceeds `_MOST_ERROR`, since their range may be infinite.
 DRAWN_SHARE = (1.0, 99.0)
 _MOST_ERROR = 0.5
 NOT_MATCHED = (0, 0, 0)
@@ -28,10 +28,10 @@ _LINE, _LETTER, _PLAIN_WIDTH = 16, 7, 480
 def overview(
     image: Image, enhanced: Image, range_map: RangeMap, assumed: str, range_error: float
 ) -> Image8:
-    """Put an image, itself without the water, and its range (m, NaN is black) side by side.
+    """Put an image, the restored image, and the range (m, NaN is black) side by side.
 
-    Above is what they are, below what was `assumed`, and the colours' scale in metres. Colours
-    follow the inverse of the range, as disparities do; `range_error` is its deviation, 1/m.
+    Titles are above; the text `assumed` and the scale of colours in metres are below. Colours are
+    linear in inverse range, whose standard deviation is `range_error`, 1/m.
     """
     with np.errstate(divide="ignore"):
         inverse = np.asarray(1.0 / range_map, np.float32)
@@ -42,9 +42,9 @@ def overview(
 
 
 def colour_ends(values: DisparityMap, error: float) -> tuple[float, float]:
-    """Return the disparities, or inverse ranges, (N,), of the first and the last colour.
+    """Return the values of the first and the last colour, for disparities or inverse ranges (N,).
 
-    `error` is their standard deviation.
+    `error` is the values' standard deviation.
     """
     low, high = (float(end) for end in np.percentile(values, DRAWN_SHARE))
     low = max(low, error / _MOST_ERROR)
@@ -55,11 +55,10 @@ def side_by_side(
     image: Image8, enhanced: Image8, drawn: Image8, ends: tuple[float, ...] | None,
     words: Sequence[str],
 ) -> Image8:
-    """Put three pictures of a frame, (H, W, 3) RGB, in a row, with titles, words and a scale.
+    """Put three pictures of a frame, (H, W, 3) RGB, in a row, with titles, text and a scale.
 
-    ends: inverse ranges, 1/m, that the first and the last colour of `drawn` stand for; None
-        where nothing matched.
-    words: lines below the first two pictures; what is too long goes on in further lines.
+    ends: inverse ranges, 1/m, of the first and the last colour of `drawn`; None if nothing matched.
+    words: lines of text below the first two pictures; long ones are wrapped.
     """
     width = image.shape[1]
     size = max(width / _PLAIN_WIDTH, 1.0)
@@ -90,7 +89,7 @@ def _write(strip: Image8, text: str, x: int, row: int, size: float) -> None:
 
 
 def draw_disparity(disparity: DisparityMap, low: float, high: float) -> Image8:
-    """Draw disparities, px, in colours that reach from low to high; NaN is black."""
+    """Draw disparities, px, in colours from low to high; NaN is black."""
     known = np.isfinite(disparity)
     share = (np.where(known, disparity, low) - low) / max(high - low, 1e-6)
     drawn = viridis(np.clip(share, 0.0, 1.0))
@@ -99,13 +98,13 @@ def draw_disparity(disparity: DisparityMap, low: float, high: float) -> Image8:
 
 
 def viridis(share: Image) -> Image8:
-    """Return colours, (H, W, 3) RGB, of shares from 0 to 1, (H, W)."""
+    """Return colours, (H, W, 3) RGB, of values from 0 to 1, (H, W)."""
     coloured = cv2.applyColorMap((255.0 * share).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
     return np.asarray(cv2.cvtColor(coloured, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 def shown(image: Image) -> Image8:
-    """Return an image as 8 bit RGB."""
+    """Convert an image to 8-bit RGB."""
     if image.dtype == np.uint16:
         image = (image >> 8).astype(np.uint8)
     return np.asarray(

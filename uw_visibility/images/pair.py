@@ -12,15 +12,14 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Image, Mask
 from uw_visibility.status import Status
 
-# The smallest image in which a support grid, its neighbourhood and a disparity
-# range of a few pixels still fit.
+# Smallest image that has room for a support grid, its neighbourhood and a few pixels of disparity.
 MIN_WIDTH = 96
 MIN_HEIGHT = 64
-# An image whose brightest pixels stay below this shows nothing but noise.
+# An image whose brightest pixels are below this shows only noise.
 _DARK = 4.0 / 255.0
-# Part of the pixels at the largest code value from which an image is saturated.
+# Share of pixels at the largest code value beyond which an image is saturated.
 _SATURATED_PART = 0.8
-# Spread of the code values below which an image is one colour but for quantisation.
+# Range of code values below which an image is uniform, but for quantisation.
 _FLAT = 2.0 / 255.0
 
 
@@ -54,7 +53,7 @@ def check_pair(left: Any, right: Any) -> tuple[Image, Image]:
 
 
 def check_valid(valid: Any, shape: tuple[int, ...]) -> Mask | None:
-    """Check the mask of an image's valid pixels (H, W); kernels do not look at its size."""
+    """Check the mask of an image's valid pixels (H, W), since kernels do not check its size."""
     if valid is None:
         return None
     try:
@@ -64,16 +63,16 @@ def check_valid(valid: Any, shape: tuple[int, ...]) -> Mask | None:
     if mask.dtype != bool or mask.shape != shape[:2]:
         raise InputError(
             f"the valid pixels are {mask.dtype} of shape {mask.shape}, the images are "
-            f"{shape[1]}x{shape[0]} px: give one bool a pixel"
+            f"{shape[1]}x{shape[0]} px: give one bool per pixel"
         )
     return mask
 
 
 def read_only(image: Image) -> Image:
-    """Return a view that cannot be written to.
+    """Return a read-only view.
 
-    Kernels are compiled apart for arrays that can be and for those that cannot, as
-    views of a message cannot. This makes one kind of both.
+    Kernels are compiled separately for writable and for read-only arrays, such as views of
+    messages. With this all are read-only.
     """
     view = image.view()
     view.flags.writeable = False
@@ -83,7 +82,7 @@ def read_only(image: Image) -> Image:
 def exposure_status(image: Image) -> Status:
     """Exposure status: `TOO_DARK`, `SATURATED`, `NO_TEXTURE`, or `OK`."""
     largest = float(np.iinfo(image.dtype).max)
-    # Every fourth pixel of every fourth row tells as much about the whole.
+    # Every fourth pixel of every fourth row is a sufficient sample.
     sample = image[::4, ::4].reshape(-1, 1 if image.ndim == 2 else 3)
     bright, dark = np.percentile(sample, (99.5, 0.5), axis=0) / largest
     if bright.max() < _DARK:

@@ -21,17 +21,16 @@ class ColourSamples:
 
     pixels: Image
     transfer: str
-    # (3,) float64, standard deviation in code values, with what a codec or the interpolation of a
-    # mosaic hides
+    # (3,) float64, standard deviation in code values, including `ChromaImage.hidden_noise`
     noise: PerChannel
-    scale: int = 1  # a sample is the mean of so many times so many of the camera's pixels
-    codec_known: bool = False  # whether the noise holds what a codec or a mosaic did to the colour
+    scale: int = 1  # a sample is the mean of scale × scale pixels of the camera
+    codec_known: bool = False  # whether chroma of codec or mosaic was given
 
     def reduce(self, range_map: RangeMap, valid: Mask | None) -> tuple[RangeMap, Mask | None]:
-        """Return the range (m) of each sample, and which of them count; None for all.
+        """Return the range (m) of each sample, and the mask of valid samples; None for all.
 
-        A sample's range is the mean of its pixels', unknown where one of them is; it
-        counts where they all do.
+        A sample's range is the mean over its pixels, NaN if one of them is; a sample is valid if
+        all of its pixels are.
         """
         if self.scale == 1:
             return range_map, valid
@@ -50,13 +49,12 @@ class View:
     """One image with its valid pixels, transfer, noise and colour; see `View.of`."""
 
     pixels: Image  # (H, W, 3) or (H, W) of uint8 or uint16, RGB or grey code values
-    transfer: str  # how they follow light: ``"linear"`` or ``"srgb"``
+    transfer: str  # ``"linear"`` or ``"srgb"``
     valid: Mask | None  # (H, W) bool or None, pixels that show the scene; None for all
-    # (3,) or (1,) float64, standard deviation of the noise that the pixels show, in code values
-    noise: PerChannel
-    colour: ColourSamples | None  # what the water is read from; None for a grey image
-    # (3,) or (1,) float64, standard deviation of the white noise that would leave as much once the
-    # pixels are smoothed: `noise`, and more where JPEG took the fine part of it; see
+    noise: PerChannel  # (3,) or (1,) float64, standard deviation by `noise_stddev`, in code values
+    colour: ColourSamples | None  # samples for the water's estimate; None for a grey image
+    # (3,) or (1,) float64, standard deviation of white noise with the low-frequency power of the
+    # noise, in code values: `noise`, but larger where JPEG removed high frequencies; see
     # `uw_visibility.stereo.codec_noise`
     low_frequency_noise: PerChannel
 
@@ -68,9 +66,9 @@ class View:
         valid: Mask | None = None,
         chroma: ChromaImage | None = None,
     ) -> View:
-        """Measure an image's noise, once, and find where its colour is to be read.
+        """Measure an image's noise and select its colour samples.
 
-        `chroma` is colour as the codec left it; the pixels say all by default.
+        `chroma` is the colour of codec or mosaic; by default the pixels are the samples.
         """
         noise = noise_stddev(pixels)
         colour = None if pixels.ndim == 2 else _samples(pixels, transfer, noise, chroma)
@@ -82,14 +80,14 @@ class View:
         return self.pixels.shape[0], self.pixels.shape[1]
 
     def with_noise_below(self, limit: PerChannel) -> View:
-        """Return the view with no more noise, in code values, than a limit for each channel."""
+        """Return the view with noise, in code values, limited in each channel."""
         noise = np.minimum(self.noise, limit)
         colour = self.colour and replace(self.colour, noise=np.minimum(self.colour.noise, limit))
         smoothed = np.minimum(self.low_frequency_noise, limit)
         return replace(self, noise=noise, colour=colour, low_frequency_noise=smoothed)
 
     def without(self, mask: Mask | None) -> View:
-        """Return the view whose valid pixels are those outside of a mask; None is an empty one."""
+        """Return the view with the pixels of a mask not valid; None is an empty mask."""
         if mask is None:
             return self
         return replace(self, valid=~mask if self.valid is None else self.valid & ~mask)
@@ -112,8 +110,8 @@ def _samples(
         samples = chroma.pixels
         shown = noise_stddev(samples)
         if chroma.scale > 1:
-            # A mean has no more noise than the camera's pixels, but its neighbours are
-            # farther away, so that texture looks more like it.
+            # A mean has no more noise than a pixel, but texture adds more to its measured noise,
+            # since neighbours are farther away.
             shown = np.minimum(shown, code_value(samples) * (noise / code_value(pixels)))
         noise = shown
     if chroma.hidden_noise is not None:

@@ -22,9 +22,9 @@ from uw_visibility.images.files import read_image
 from uw_visibility.images.pair import read_only
 from uw_visibility.optics.transfer import encode_table, linear_table, to_linear
 
-# Where less of the light than this arrives, an image shows its margin's noise only.
+# Least relative illumination for the gain: darker margins show only noise.
 LEAST_ILLUMINATION = 0.05
-# Part of a flat field's pixels that may be brighter than full illumination: its noise.
+# Share of a flat field's pixels that may be brighter than full illumination, by noise.
 _OUTSIDE = 0.001
 
 
@@ -49,10 +49,10 @@ class FlatFieldCorrection:
         self._gains: list[NDArray[np.float32]] = []
 
     def correct(self, left: Image, right: Image) -> tuple[Image, Image]:
-        """Return the pair as it were under even illumination; the same arrays if it is.
+        """Return the pair as under even illumination; the same arrays without a correction.
 
-        Pixels at the largest code stay there, whatever their gain: how bright they
-        would have been is not known. Refused if a flat field has another size than the images.
+        Saturated pixels stay at the largest code value, since their true brightness is unknown.
+        Raises `InputError` if a flat field has another size than the images.
         """
         if not self.needed:
             return left, right
@@ -63,12 +63,12 @@ class FlatFieldCorrection:
         return first, second
 
     def allocate(self, shape: tuple[int, int]) -> None:
-        """Prepare the gains for a size of image; see `correct`."""
+        """Prepare the gains for images of a shape (H, W); raises as `correct`."""
         if self.needed and (not self._gains or self._gains[0].shape[:2] != shape):
             self._gains = [self._gain(side, shape) for side in range(2)]
 
     def correct_chroma(self, chroma: ChromaImage | None) -> ChromaImage | None:
-        """Return the colour of the left image of the pair corrected last, as `correct` does."""
+        """Correct the chroma of the left image, with the gains of the last `correct`."""
         if chroma is None or chroma.pixels is None or not self.needed:
             return chroma
         scale = chroma.scale
@@ -86,7 +86,7 @@ class FlatFieldCorrection:
         elif field.shape[:2] != shape:
             raise InputError(
                 f"the flat field has {field.shape[1]}x{field.shape[0]} px and the image "
-                f"{shape[1]}x{shape[0]} px: give one of the (rectified) images' size"
+                f"{shape[1]}x{shape[0]} px: give a flat field of the (rectified) images' size"
             )
         gain = 1.0 / np.maximum(field, LEAST_ILLUMINATION)
         return np.ascontiguousarray(np.broadcast_to(gain, (*shape, gain.shape[2])), np.float32)
@@ -110,7 +110,7 @@ def illumination(
     """Relative illumination (H, W) by the radial polynomial 1 + a r² + b r⁴ + c r⁶.
 
     `centre` is column and row of the optical axis, px; r is the distance from it over half of the
-    image's diagonal. A usual lens has a negative a.
+    image's diagonal. Usually a is negative.
     """
     height, width = shape
     x = np.arange(width) - centre[0]
@@ -121,14 +121,14 @@ def illumination(
 
 
 def _read_field(path: str, transfer: str) -> Array | None:
-    """Return a flat field as (H, W, C) relative illumination, full at 1, or None."""
+    """Return a flat field as (H, W, C) relative illumination, at most 1; None without a path."""
     if not path:
         return None
     with naming("camera.flat_field"):
         image = read_image(path)
     planes = to_linear(image, transfer).astype(np.float64)
     planes = planes[..., np.newaxis] if image.ndim == 2 else planes
-    # Each channel by its own: the colour of the light on the field is no matter.
+    # Each channel is scaled separately, so that the colour of the field's light does not count.
     full = np.quantile(planes, 1.0 - _OUTSIDE, axis=(0, 1))
     if not (full > 0).all():
         raise InputError(f"camera.flat_field: {path} has a channel without any light")

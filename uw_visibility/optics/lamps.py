@@ -64,15 +64,15 @@ class DirectLight(NamedTuple):
 
 
 class LampTables(NamedTuple):
-    """Direct and scattered light of a rig's lamps, by camera.
+    """Direct and scattered light of a rig's lamps for a camera.
 
     Attributes
     ----------
     columns, rows : (X,), (Y,) float64 ndarray
         Pixels of the nodes, of equal distance.
     log_direct, log_scattered : (K, 3, Y, X, R) float32 ndarray
-        Logarithms of D and S over attenuation, channel, row, column and range, at the nodes
-        `ATTENUATIONS` and `RANGES`; 1 is one lamp's relative power 1.
+        ln D and ln S, weighted by the lamps' relative power, over attenuation, channel, row, column
+        and range, at the nodes `ATTENUATIONS` and `RANGES`.
     """
 
     columns: Array
@@ -145,16 +145,16 @@ class LightField(NamedTuple):
 
 
 def between(attenuation: Any) -> tuple[Any, Any, Any]:
-    """Node below an attenuation, 1/m, its share of the way to the next one, and that way, 1/m."""
+    """Node below an attenuation, 1/m, interpolation weight of the next one, and their distance."""
     low = np.clip(np.searchsorted(ATTENUATIONS, attenuation) - 1, 0, len(ATTENUATIONS) - 2)
     step = ATTENUATIONS[low + 1] - ATTENUATIONS[low]
     return low, (attenuation - ATTENUATIONS[low]) / step, step
 
 
 def at_attenuation(table: NDArray[Any], attenuation: Array) -> NDArray[Any]:
-    """Interpolate a table (K, 3, ...) over `ATTENUATIONS` at those of channels, (3,), 1/m.
+    """Interpolate a table (K, 3, ...) over `ATTENUATIONS` at the channels' values, (3,), 1/m.
 
-    Attenuation beyond the table's is taken as its end, and NaN as 0.
+    Attenuation is clipped to the table's range; NaN counts as 0.
     """
     low, share, _ = between(
         np.clip(np.nan_to_num(attenuation), ATTENUATIONS[0], ATTENUATIONS[-1]))
@@ -171,13 +171,13 @@ def _of_channels(values: Array) -> Table:
 LEFT_EYE = (0.0, 0.0, 0.0)
 
 
-# Tables of both cameras, at two sizes.
+# The cache has room for both cameras at two image sizes.
 @lru_cache(maxsize=4)
 def tabulate(
     rays_at: Callable[[Array, Array], Array], shape: tuple[int, int], lamps: tuple[Lamp, ...],
     eye: tuple[float, float, float],
 ) -> LampTables:
-    """Tabulate the light of lamps for a camera; the last tables are kept.
+    """Tabulate the light of lamps for a camera; the last tables are cached.
 
     Parameters
     ----------
@@ -186,9 +186,9 @@ def tabulate(
     shape : tuple of int
         Height and width of the images, px.
     lamps : tuple of Lamp
-        In the left camera's frame, whose axes the camera's are.
+        In the left camera's frame, to whose axes the camera's are parallel.
     eye : tuple of float
-        The camera's place in that frame, m.
+        The camera's position in that frame, m.
     """
     columns, rows = np.linspace(0.0, shape[1] - 1, COLUMNS), np.linspace(0.0, shape[0] - 1, ROWS)
     directions = rays_at(columns, rows).reshape(-1, 3)
@@ -263,7 +263,7 @@ def across(axis: Array) -> tuple[Array, Array]:
 
 
 def vector(values: Array) -> tuple[float, float, float]:
-    """Three numbers as a lamp holds them."""
+    """Convert an array of three numbers to a tuple of floats, as in `Lamp`."""
     return float(values[0]), float(values[1]), float(values[2])
 
 

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The underwater light model, forward and inverse (eq. 1, 2, 6, 8).
 
-E = W ρ e^(−βd) + B (1 − e^(−βd)), with the light W on the scene and the veil B, which is
-what the water itself shows at infinity (Akkaynak and Treibitz, doi
-10.1109/CVPR.2018.00703). The paper's model is B = W = I∞.
+E = W ρ e^(−βd) + B (1 − e^(−βd)), with the light W on the scene and the veil B, the irradiance of
+the water itself at infinity (Akkaynak and Treibitz, doi 10.1109/CVPR.2018.00703). The paper's model
+is B = W = I∞.
 
 Each formula is written here once, for one channel, and takes floats or arrays that
 broadcast; compiled kernels call the same functions with floats.
@@ -52,7 +52,7 @@ def irradiance_of(radiance: Any, transmitted: Any, veil: Any, light: Any) -> Any
 
 @register_jitable
 def radiance_of(irradiance: Any, gain: Any, veil: Any, light: Any) -> Any:
-    """Radiance ρ of a patch of irradiance E (eq. 8), with the gain e^(βd) or less of it."""
+    """Radiance ρ of a patch of irradiance E (eq. 8), with the gain e^(βd) or a smaller one."""
     return veil / light + (irradiance / light - veil / light) * gain
 
 
@@ -96,7 +96,7 @@ def attenuate(
     (H, W, 3) float32 ndarray
         NaN where the range is NaN.
     """
-    # At infinity there is ambient light even in water without attenuation.
+    # With β = 0, an infinite range would give NaN instead of ambient light.
     rate = np.maximum(np.asarray(attenuation, np.float32), np.float32(1e-12))
     transmitted = transmission(rate, range_map[..., np.newaxis].astype(np.float32))
     ambient = np.asarray(ambient_light, np.float32)

@@ -63,7 +63,7 @@ def load_response(name_or_path: str | Path) -> CameraResponse:
     InputError
         If there is neither such a name nor such a file, or the file does not
         hold a response: two rows or more, rising wavelengths that overlap
-        200-800 nm, no negative value, and light in every channel.
+        200-800 nm, no negative value, and a response in every channel.
     """
     name = str(name_or_path)
     known = response_names()

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Spectral tables: the shipped ones, and CSV files of a user's own."""
+"""Spectral tables: shipped ones, and CSV files of users."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from uw_visibility.config.files import read_regular
 from uw_visibility.errors import InputError, refusing
 
-# A spectrum of every tenth of a nanometre has a megabyte.
+# Largest file, bytes: a spectrum in steps of 0.1 nm has about a megabyte.
 MOST_BYTES = 4 << 20
 
 

@@ -16,8 +16,8 @@ from numpy.typing import DTypeLike, NDArray
 
 from uw_visibility.errors import InputError
 
-# Lengths of the tables that encode, by the largest code value: the steepest
-# part of the sRGB curve, 12.92 codes for one of linear, gets a step per code.
+# Lengths of encoding tables, by the largest code value: the steepest part of the sRGB curve, 12.92
+# codes per linear code, has at least one step per code.
 _ENCODE_STEPS = {255: 1 << 14, 65535: 1 << 20}
 
 

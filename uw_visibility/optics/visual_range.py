@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Visual ranges of the field: black disc and Secchi disk, from attenuation coefficients."""
+"""Visual ranges in oceanography: black disc and Secchi disk, from attenuation coefficients."""
 
 from __future__ import annotations
 
@@ -21,10 +21,9 @@ BLACK_DISC_DEVIATION = 0.1
 BEAM_OVER_SEEN = 2.0
 """Beam attenuation over the attenuation that a camera sees, c / β.
 
-Light that is scattered by small angles is not lost to a camera. Of path-traced scenes
-β / c is 0.49 (0.39 to 0.62; 12 scenes, Henyey and Greenstein's phase functions), 0.56 (0.40 to
-0.72; 13 others) and 0.36 (0.32 to 0.60; 4 with Fournier and Forand's):
-lab/studies/beam_attenuation.md, which names the command.
+Light scattered by small angles is not lost to a camera. In path-traced scenes β / c is 0.49 (0.39
+to 0.62; 12 scenes, Henyey and Greenstein's phase functions), 0.56 (0.40 to 0.72; 13 others) and
+0.36 (0.32 to 0.60; 4 with Fournier and Forand's): see lab/studies/beam_attenuation.md.
 """
 BEAM_OVER_SEEN_DEVIATION = 0.3
 """Standard deviation of its logarithm over these scenes."""

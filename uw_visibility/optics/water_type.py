@@ -30,12 +30,12 @@ WAVELENGTHS = np.arange(380.0, 781.0, 5.0)
 MEASURED = "jerlov_water_types.csv"
 
 Vector = NDArray[np.float64]
-# Part of natural particles' scattering that is backwards: mean of Petzold's measurements (1972), in
+# Backscattering ratio b_b / b of natural particles: mean of Petzold's measurements (1972), in
 # C. D. Mobley, Light and Water, 1994, table 3.10.
 BACKSCATTERED = 0.0183
-# Part of scattering that is not lost to a camera, (c − β) / b, since its angles are small, and its
-# standard deviation: median of 13 path-traced scenes 0.83 (0.72 to 0.92), of 4 with
-# Fournier and Forand's phase functions 0.92 (lab/studies/beam_attenuation.md).
+# Part of scattering by small angles that is not lost to a camera, (c − β) / b, and its standard
+# deviation: median of 13 path-traced scenes 0.83 (0.72 to 0.92), of 4 with Fournier and Forand's
+# phase functions 0.92 (lab/studies/beam_attenuation.md).
 KEPT, KEPT_DEVIATION = 0.83, 0.1
 
 
@@ -46,7 +46,7 @@ class WaterType:
     name: str  # one of `TYPES`
     diffuse_attenuation_490: float  # Kd at 490 nm, 1/m (Jerlov 1976)
     least_diffuse_attenuation: float  # the least Kd between 443 and 665 nm, 1/m
-    clearest_wavelength: float  # where that is, nm
+    clearest_wavelength: float  # wavelength of the least Kd, nm
     secchi_depth: float  # by Lee et al. 2015, m.
 
 
@@ -71,9 +71,9 @@ def water_type(name: str) -> WaterType:
 def inherent_properties(name: str, wavelength: Vector) -> tuple[Vector, Vector]:
     """Absorption a and scattering b of a Jerlov water type at wavelengths (N,), nm; 1/m.
 
-    Measured ones (Williamson and Hollins 2022) where there are some, else modelled ones (Solonenko
-    and Mobley 2015: I, IA, 7C, 9C). Between measurements absorption follows that of clear water,
-    which rises steeply towards red.
+    Measured values (Williamson and Hollins 2022) if available, otherwise modelled ones (Solonenko
+    and Mobley 2015: I, IA, 7C, 9C). The excess of absorption over that of clear water, which rises
+    steeply towards red, is interpolated.
     """
     file = MEASURED if name in water_types() else "jerlov_modelled_properties.csv"
     known, absorbed, scattered = _properties(name, file)
@@ -87,8 +87,8 @@ def seen_attenuation(
 ) -> NDArray[np.float64]:
     """Attenuation of a Jerlov type as a camera sees it, at a depth over a path (m); (3,) 1/m.
 
-    By the band-averaged transmission over the path, in the daylight at the depth: both shift red to
-    wavelengths that water absorbs least. The part `kept` of scattering is not lost.
+    Computed from the band-averaged transmission over the path, in the daylight at the depth: both
+    shift red towards wavelengths of less absorption. The part `kept` of scattering is not lost.
     """
     absorption, scattering = inherent_properties(name, WAVELENGTHS)
     daylight = np.interp(WAVELENGTHS, *daylight_spectrum())
@@ -134,10 +134,10 @@ def water_type_attenuation(
 ) -> NDArray[np.float64]:
     """Attenuation β of a Jerlov water type as a camera sees it, or the diffuse K, (3,) 1/m.
 
-    β = a + (1 - F) b, with F the part `KEPT`. K = a + b_b is that by which daylight fades with
-    depth: light scattered forwards is not lost to it. Beyond the measured wavelengths, the nearest
-    one counts. B. A. Williamson and R. C. Hollins, Measured IOPs of Jerlov water types, Applied
-    Optics 61(33), 2022, doi 10.1364/AO.470464.
+    β = a + (1 - F) b, with F the part `KEPT`. K = a + b_b is the attenuation of daylight with
+    depth, to which forward scattering does not contribute. Beyond the measured wavelengths, the
+    nearest value counts. B. A. Williamson and R. C. Hollins, Measured IOPs of Jerlov water types,
+    Applied Optics 61(33), 2022, doi 10.1364/AO.470464.
 
     Raises `InputError` if the type is not one of `water_types`.
     """

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
 
-# Calibration tools write the matrices with few digits; more than this is
-# another rig, not rounding.
+# Largest differences by rounding: calibration tools write the matrices with few digits.
 RELATIVE_TOLERANCE = 1e-3
 PIXEL_TOLERANCE = 0.5
 
@@ -54,12 +53,11 @@ class CameraInfo(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class CameraCalibration:
-    """Calibration of one camera: K, D, R and P for the pixels of the images that it sends.
+    """Calibration of one camera: K, D, R and P for the pixels of its images.
 
-    A CameraInfo is written for the sensor's full resolution. Region of
-    interest and binning are applied here, so that all matrices are in the
-    pixels of the image that comes with the message. `size` is width and height, px; D is empty
-    where the image is not distorted.
+    A CameraInfo describes the sensor's full resolution. Region of interest and binning are applied
+    to K and P here. `size` is width and height of the image, px; D is empty or 0 without
+    distortion.
     """
 
     size: tuple[int, int]
@@ -79,8 +77,8 @@ class CameraCalibration:
         if not rotation.any():
             rotation = np.eye(3)
         left, top, binning_x, binning_y = _window(info)
-        # Pixel columns shift with the region of interest, then shrink with
-        # binning; image_geometry does the same to K and to P.
+        # The region of interest shifts pixels, then binning scales them; image_geometry changes K
+        # and P in the same way.
         to_image = np.array([
             [1.0 / binning_x, 0.0, -left / binning_x],
             [0.0, 1.0 / binning_y, -top / binning_y],
@@ -96,8 +94,8 @@ class CameraCalibration:
         )
 
     def check_distortion(self, side: str) -> None:
-        """Refuse a distortion model that is unknown, or has another number of coefficients."""
-        # Without coefficients these models are a pinhole camera; a fisheye is not.
+        """Refuse an unknown distortion model, or a wrong number of coefficients."""
+        # Without coefficients, or with zeros, all but the equidistant model are a pinhole camera.
         if not self.distortion.any() and self.distortion_model != EQUIDISTANT:
             return
         lengths = DISTORTION_COEFFICIENTS.get(self.distortion_model)
@@ -131,7 +129,7 @@ def image_size(info: CameraInfo, side: str) -> tuple[int, int]:
 
 
 def read_pair(left: CameraInfo, right: CameraInfo) -> tuple[CameraCalibration, CameraCalibration]:
-    """Read the CameraInfo messages of a pair of cameras with images of one size."""
+    """Read the CameraInfo messages of a pair, whose images must have the same size."""
     pair = (
         CameraCalibration.from_camera_info(left, "left"),
         CameraCalibration.from_camera_info(right, "right"),
@@ -151,7 +149,7 @@ def read_projection(matrix: ArrayLike, side: str) -> Array:
         p = np.asarray(matrix, np.float64).reshape(3, 4)
     except (TypeError, ValueError) as error:
         raise InputError(
-            f"projection matrix P of the {side} camera is not of 3 by 4 numbers: "
+            f"projection matrix P of the {side} camera does not have 3 by 4 numbers: "
             "give P1 and P2 of the stereo calibration"
         ) from error
     if not np.isfinite(p).all():
@@ -168,16 +166,16 @@ def read_projection(matrix: ArrayLike, side: str) -> Array:
 
 
 def check_rectified(p1: Array, p2: Array) -> None:
-    """Refuse projection matrices of a pair that is not rectified, or swapped."""
+    """Refuse projection matrices of a pair that is not rectified, or whose sides are swapped."""
     if p2[0, 3] > 0.0 or p1[0, 3] < 0.0:
         raise InputError(
-            f"P[0, 3] is {p1[0, 3]:g} for the left and {p2[0, 3]:g} for the right camera, where 0 "
-            "and a negative number belong: are left and right swapped?"
+            f"P[0, 3] is {p1[0, 3]:g} for the left and {p2[0, 3]:g} for the right camera, expected "
+            "are 0 and a negative number: are left and right swapped?"
         )
     if p1[0, 3] != 0.0:
         raise InputError(
-            f"P[0, 3] of the left camera is {p1[0, 3]:g}: give the left camera of the pair, "
-            "where it is 0"
+            f"P[0, 3] of the left camera is {p1[0, 3]:g}, expected is 0: give the left camera of "
+            "the pair"
         )
     if p2[0, 3] == 0.0:
         raise InputError(
@@ -200,7 +198,7 @@ def check_rectified(p1: Array, p2: Array) -> None:
 
 
 def _window(info: CameraInfo) -> tuple[int, int, int, int]:
-    """Return the image's left and top on the sensor and the binning (0 means 1)."""
+    """Return the image's left and top on the sensor, px, and its binning (0 means 1)."""
     return (
         int(info.roi.x_offset), int(info.roi.y_offset),
         max(1, int(info.binning_x)), max(1, int(info.binning_y)),
@@ -208,9 +206,8 @@ def _window(info: CameraInfo) -> tuple[int, int, int, int]:
 
 
 def matrix_of(info: CameraInfo, name: str) -> Array:
-    """Return ``d``, ``k``, ``r`` or ``p`` of a CameraInfo of ROS 2, or of ROS 1 (capitals), row by
-    row.
-    """
+    """Return ``d``, ``k``, ``r`` or ``p`` of a CameraInfo of ROS 1 or ROS 2, flat, row by row."""
+    # In ROS 1 the names are in capitals.
     values = getattr(info, name) if hasattr(info, name) else getattr(info, name.upper())
     return np.array(values, np.float64).ravel()
 

@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contrast normalisation for matching: grey images and the gain that undoes attenuation.
 
-Water takes contrast by the factor exp(-attenuation x range) and adds light that
-varies with range only. The matcher compares gradients, so that restoring contrast
-means to multiply gradients: airlight is not subtracted, and errors of the coarse
-range make no edges, as they do in a restored image. Nor is anything rounded to
-eight bits before the gradients are taken.
+Water reduces contrast by the factor exp(-attenuation x range) and adds a veil that varies with
+range only. The matcher compares gradients, so that contrast is restored by multiplying gradients.
+The veil is not subtracted, errors of the coarse range make no edges, as they would in a restored
+image, and nothing is rounded to 8 bits before the gradients are taken.
 """
 
 from __future__ import annotations
@@ -29,17 +28,17 @@ from uw_visibility.stereo.denoising import ROUNDING
 LUMA = (0.299, 0.587, 0.114)
 # Levels of the grey image per 8-bit level of the input.
 _FINE = 256.0
-# Part of the pixels outside of the range that the raw contrast is taken from.
+# Part of the darkest and of the brightest pixels that the raw contrast leaves out.
 _OUTSIDE = 0.005
-# Beyond this gain, 8-bit levels, gradients are those of quantisation and noise; a mean over a
-# square of pixels has less of both.
+# Largest gain, 8-bit levels: beyond it gradients are quantisation and noise. Means over squares of
+# pixels have less of both, and may have a larger gain.
 _MAX_GAIN = 16.0
-# Lamp-lit contrast at a typical range is raised so much above that of a raw image.
+# Gain at a typical range under lamps, over the gain of a raw image.
 _FAR_GAIN = 2.0
-# Contrast that white against black is brought to, 8-bit levels. More than 255:
-# strong gradients clip in the descriptors, and weak ones tell more.
+# Restored contrast of white against black, 8-bit levels. It is more than 255, since weak gradients
+# matter more to the matcher than strong ones, which clip in the descriptors.
 _FULL_CONTRAST = 1.5 * 255.0
-# Entries of the table of contrast over range, which reaches so many typical ranges far.
+# Entries of the table of gain over range, and its largest range over the typical one.
 _TABLE, _MOST_TYPICAL = 512, 16.0
 
 
@@ -51,19 +50,19 @@ class ContrastNormalizer:
     shape : tuple of int
         Height and width of the images, px.
     averaged : int
-        A pixel is the mean of a square of so many by so many of the camera's.
+        Side of the squares of camera pixels whose mean is a pixel, px.
 
     Attributes
     ----------
     grey : (H, W) uint16 ndarray
         256 times the 8-bit level.
     gain : (H, W) float32 ndarray
-        8-bit levels of even contrast per unit of `grey`.
+        8-bit levels of normalised contrast per unit of `grey`.
     image : (H, W, 3) or (H, W) ndarray
-        What the rest was made of: the view's pixels.
+        The view's pixels, from which the rest was computed.
     noise : float
-        Noise of the median pixel after restoration, before `grey` was smoothed, in
-        8-bit levels of even contrast.
+        Noise after restoration, at the median gain and before `grey` was smoothed, in 8-bit levels
+        of normalised contrast.
     """
 
     def __init__(self, shape: tuple[int, int], averaged: int = 1) -> None:
@@ -75,10 +74,10 @@ class ContrastNormalizer:
         self._noise_of_grey = 0.0
 
     def stretch(self, image: Image, workers: Workers, noise: Array | None = None) -> None:
-        """Take the luma, and one gain that stretches its contrast; for the raw image.
+        """Set `grey` to a raw image's luma, and `gain` to one value that stretches its contrast.
 
         `noise` is the standard deviation of each channel's noise, in code values; measured here by
-        default. The image, RGB or grey, is smoothed as far as its restored noise asks for.
+        default. The luma of the image, RGB or grey, is smoothed according to its restored noise.
         """
         self._mix(image, LUMA, workers)
         self.gain[:] = self._raw_gain(image)
@@ -93,22 +92,21 @@ class ContrastNormalizer:
         workers: Workers,
         noise: Array | None = None,
     ) -> None:
-        """Take the mix of channels with least noise, and the gain that undoes attenuation.
+        """Set `grey` to the mix of channels with least noise, and `gain` to undo attenuation.
 
-        A channel's contrast is that of the scene times I exp(-attenuation x d), so
-        that weights proportional to it, at a typical range, make the noise of the
-        restored mix least. They do not vary over the image: varying weights would
-        make edges of their own.
+        A channel's contrast is that of the scene times I exp(-attenuation x d). Weights
+        proportional to it, at a typical range, minimise the noise of the restored mix. They are
+        the same for all pixels, since varying weights would make edges.
 
         Parameters
         ----------
         image, workers, noise
             See `stretch`; RGB.
         range_map : (h, w) float32 ndarray
-            m, of the image's size or of a fraction or multiple of it by a whole number; not finite
-            where unknown, which takes the gain of the farthest.
+            m; its size is that of the image, or a whole multiple or fraction of it. Where it is
+            unknown (not finite), the gain is that of the farthest range.
         attenuation, ambient_light : (3,) float64 ndarray
-            1/m and as irradiance 0..1; channels with NaN are left out. At least one is known.
+            1/m, and irradiance 0..1; channels with NaN are left out. At least one is known.
         """
         attenuation, ambient_light = _known(attenuation, ambient_light)
         typical, farthest = _typical_and_farthest(range_map)
@@ -116,7 +114,7 @@ class ContrastNormalizer:
         self._mix(image, weights, workers)
         ranges = np.linspace(0.0, farthest, _TABLE)[:, None]
         contrast = np.sum(weights * ambient_light * transmission(attenuation, ranges), axis=1)
-        # Far enough away nothing is left of it, not even in 64 bits.
+        # Limits the gain; far away the contrast may even be 0.
         contrast = np.maximum(contrast, _FULL_CONTRAST / (255.0 * self._max_gain(image)))
         self._set_gain(_FULL_CONTRAST / (255.0 * contrast), farthest, range_map)
         self._smooth(image, weights, workers, noise)
@@ -130,11 +128,11 @@ class ContrastNormalizer:
         workers: Workers,
         noise: Array | None = None,
     ) -> None:
-        """Take the mix of channels with least noise, and the gain that undoes lamps' falloff.
+        """Set `grey` to the mix of channels with least noise, and `gain` to undo lamps' falloff.
 
-        `direct` (3, R) is the light of surfaces at `ranges` (R,), m, that reaches the camera;
-        its scale is free: at a typical range contrast is stretched as that of a raw image. See
-        `restore`.
+        `direct` (3, R) is the light of surfaces at `ranges` (R,), m, that reaches the camera, in
+        any unit: at a typical range contrast is stretched `_FAR_GAIN` times as much as that of a
+        raw image. See `restore`.
         """
         typical, farthest = _typical_and_farthest(range_map)
         weights = np.array([np.interp(typical, ranges, channel) for channel in direct])
@@ -151,24 +149,24 @@ class ContrastNormalizer:
         return _MAX_GAIN if image.dtype == np.uint8 else _MAX_GAIN * self._averaged
 
     def _raw_gain(self, image: Image) -> float:
-        """Gain that stretches the contrast of the grey image, and no noise."""
-        # Every fourth pixel of every fourth row tells as much about the whole.
+        """Gain that stretches the contrast of the grey image, limited because of noise."""
+        # Every fourth pixel of every fourth row is enough.
         low, high = np.percentile(self.grey[::4, ::4], (100 * _OUTSIDE, 100 * (1 - _OUTSIDE)))
         return float(min(255.0 / max(high - low, 1.0), self._max_gain(image) / _FINE))
 
     def _set_gain(self, table: Array, farthest: float, range_map: RangeMap) -> None:
-        """Look up the gain of each pixel in a table over ranges of equal steps, from 0 on."""
+        """Look up each pixel's gain in a table over equal steps of range, from 0 to `farthest`."""
         finer = range_map.shape[1] // self.gain.shape[1]
         if finer > 1:
-            # True ranges are known of every pixel, of images that are matched as small copies.
+            # The range map is finer than the image, which was reduced for matching.
             range_map = range_map[finer // 2::finer, finer // 2::finer]
-        # What is not finite takes an end of the table, and so does what overflows.
+        # Ranges that are not finite, or overflow, take an end of the table.
         with np.errstate(over="ignore", invalid="ignore"):
-            # Of NaN and a number, this is the number.
+            # fmin replaces NaN by the last entry.
             step = np.fmin(range_map * np.float32((_TABLE - 1) / farthest), np.float32(_TABLE - 1))
             place = step.astype(np.intp)
         gain = np.take((table / _FINE).astype(np.float32), place, mode="clip")
-        # What fills no whole square takes its neighbour's.
+        # Pixels at the border that are in no whole cell take their neighbours' gain.
         factor = self.gain.shape[1] // gain.shape[1]
         rows, columns = (
             np.minimum(np.arange(n) // factor, m - 1)
@@ -178,7 +176,7 @@ class ContrastNormalizer:
     def _smooth(
         self, image: Image, weights: Sequence[float] | Array, workers: Workers, noise: Array | None
     ) -> None:
-        """Smooth the mix of channels as far as its restored noise asks for."""
+        """Smooth the mix of channels according to its restored noise."""
         self.image = image
         self._noise_of_grey = self._known_noise(image, weights, noise)
         self.noise = denoising.smooth(self.grey, self.gain, self._noise_of_grey, workers)
@@ -186,19 +184,19 @@ class ContrastNormalizer:
     def _known_noise(
         self, image: Image, weights: Sequence[float] | Array, noise: Array | None
     ) -> float:
-        """Noise of the mix of channels, in units of `grey`; 0 where it is rounding alone."""
+        """Noise of the mix of channels, in units of `grey`; 0 if it is rounding alone."""
         if noise is None:
             noise = noise_stddev(image)
         mixed = mixed_noise(image, noise, weights)
         if image.dtype == np.uint8:
             return mixed * _FINE if mixed > ROUNDING else 0.0
-        # What was rounded before it was averaged is finer.
+        # Averages of rounded pixels have smaller rounding errors.
         return mixed if mixed > ROUNDING * _FINE / self._averaged else 0.0
 
     def noise_gradient(self, step: int) -> Array:
-        """Standard deviation of the Sobel responses that noise makes, at every so many pixels.
+        """Standard deviation of Sobel responses to noise, at every `step` pixels.
 
-        0 where the image was not smoothed, since it has hardly any noise.
+        It is 0 if the image was not smoothed, since it has hardly any noise.
         """
         gain = self.gain[step // 2 :: step, step // 2 :: step]
         if self.noise <= denoising.LEAST_NOISE:
@@ -215,7 +213,7 @@ class ContrastNormalizer:
 
 
 def mixed_noise(image: Image, noise: Array, weights: Sequence[float] | Array) -> float:
-    """Standard deviation of the noise of the weighted channels, code values."""
+    """Standard deviation of the noise of the channels' weighted sum, code values."""
     return float(noise[0] if image.ndim == 2 else np.hypot.reduce(np.asarray(weights) * noise))
 
 
@@ -229,7 +227,7 @@ def _weights_at(distance: float, attenuation: Array, ambient_light: Array) -> Ar
     weights = ambient_light * transmission(attenuation, distance)
     total = weights.sum()
     if total == 0.0:
-        # So far away that nothing is left in 64 bits: the clearest channel is the last one.
+        # Transmission underflows at this range: only the least attenuated channel counts.
         lit = ambient_light > 0.0
         weights = np.where(lit & (attenuation <= attenuation[lit].min()), ambient_light, 0.0)
         total = weights.sum()
@@ -246,7 +244,7 @@ def _typical_and_farthest(range_map: RangeMap) -> tuple[float, float]:
     sample = range_map[::4, ::4]
     sample = sample[np.isfinite(sample)]
     typical, farthest = np.percentile(sample, (50, 100)) if sample.size else (1.0, 1.0)
-    # One disparity of nearly nothing is kilometres away, and all else in the first of the steps.
+    # A single disparity near 0 is kilometres away; all others would share the table's first step.
     return float(typical), float(min(farthest, _MOST_TYPICAL * typical))
 
 

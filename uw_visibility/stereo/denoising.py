@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gaussian smoothing at a scale that follows the noise of the restored image.
 
-Restoration multiplies gradients, and noise with them: most where the water has taken
-most contrast. So each pixel is smoothed as its own restored noise asks for,
-before gradients are taken: near texture stays fine, and far texture, of which
-noise leaves the coarse part only, is matched by that.
+Restoration amplifies gradients and noise, most where the water has reduced contrast most. So each
+pixel is smoothed according to its own restored noise before gradients are taken: near texture stays
+fine, and far texture, whose fine part is lost in noise, is matched by its coarse part.
 """
 
 from __future__ import annotations
@@ -23,17 +22,18 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import Array
 
-# Noise up to which an image has been rounded and nothing else, 8-bit codes.
+# Largest noise that is rounding alone, 8-bit codes.
 ROUNDING = 0.35
-# Restored noise, in 8-bit levels of even contrast, up to which a view stays as it is.
+# Restored noise, in 8-bit levels of normalised contrast, up to which an image is not smoothed.
 LEAST_NOISE = 1.0
-# Standard deviation of the Gaussian, px, for a restored noise of 1 level, and the power
-# by which it grows. Chosen on three scenes at 1, 2 and 4 codes of noise.
+# Standard deviation of the Gaussian, px, for a restored noise of 1 level, and its exponent of the
+# noise. Chosen on three scenes at 1, 2 and 4 codes of noise.
 _SCALE, _POWER = 0.25, 0.7
-# Scales that are computed, px; between them the image is interpolated.
+# Computed scales, px: the first, the ratio of neighbours, and their number; the image is
+# interpolated between them.
 _FIRST, _RATIO, _LEVELS = 0.6, math.sqrt(2.0), 6
 LARGEST = _FIRST * _RATIO ** (_LEVELS - 1)
-# Standard deviations that a Gaussian reaches to.
+# Reach of a Gaussian, standard deviations.
 _DEVIATIONS = 4.0
 # Entries of the table of scales over gain.
 _TABLE = 1024
@@ -42,16 +42,15 @@ _TABLE = 1024
 def smooth(
     grey: NDArray[np.uint16], gain: NDArray[np.float32], noise: float, workers: Workers
 ) -> float:
-    """Smooth a grey image in place; return its restored noise before that.
+    """Smooth a grey image in place; return its restored noise before smoothing.
 
-    `gain` is 8-bit levels of even contrast per unit of `grey`, `noise` the standard
+    `gain` is 8-bit levels of normalised contrast per unit of `grey`, `noise` the standard
     deviation of the image's noise in units of `grey`. The restored noise is that at the
-    median gain, in levels; up to `LEAST_NOISE` the image stays as it is.
+    median gain, in levels; up to `LEAST_NOISE` the image is not changed.
     """
     restored = noise * float(np.median(gain[::8, ::8]))
     if restored <= LEAST_NOISE:
         return restored
-    # Of each row.
     largest = gain.max(axis=1)
     low, high = float(gain.min()), float(largest.max())
     if high <= low * (1.0 + 1e-6):
@@ -61,7 +60,7 @@ def smooth(
     position = _position_of(np.asarray(_scale_of(noise * gains))).astype(np.float32)
     per_gain = np.float32((_TABLE - 1) / (high - low))
     coarsest = position[((largest - np.float32(low)) * per_gain + np.float32(0.5)).astype(int)]
-    # Two neighbouring scales at least, also where all is beyond the coarsest one.
+    # At least two neighbouring scales, also if all pixels need the coarsest one or more.
     finest = min(int(position.min()), _LEVELS - 1)
     scales = _blurred(grey, finest, np.minimum(coarsest.astype(int) + 1, _LEVELS))
     workers.rows(
@@ -74,15 +73,14 @@ def _blurred(
 ) -> NDArray[np.float32]:
     """Images at the scales from the finest to the coarsest that each row needs.
 
-    Each is made from the one before, in floating point, which OpenCV blurs in half the time
-    of 16-bit numbers, and only in the rows that need it: coarse scales are seldom needed in
-    all rows.
+    Each is blurred from the one before, as floats, which takes OpenCV half the time of 16-bit
+    integers, and only in the rows that need it: few rows need coarse scales.
     """
     scales = np.empty((_LEVELS + 1, *grey.shape), np.float32)
     scales[0] = grey
     steps = []
     start, stop = len(grey), 0
-    # From the coarsest on: rows that are read to make a scale, by the next one's.
+    # Rows of each scale, from the coarsest to the finest: the next coarser scale reads all of them.
     for level in range(int(coarsest.max()), max(finest, 1) - 1, -1):
         before = level - 1 if level > max(finest, 1) else 0
         sigma = math.sqrt(_sigma(level) ** 2 - _sigma(before) ** 2)
@@ -97,21 +95,19 @@ def _blurred(
 
 
 def _sigma(level: int) -> float:
-    """Standard deviation of the Gaussian of a scale, px; scale 0 is the image as it is."""
+    """Standard deviation of the Gaussian of a scale, px; scale 0 is the image itself."""
     return _FIRST * _RATIO ** (level - 1) if level > 0 else 0.0
 
 
 def noise_gradient(noise: NDArray[np.floating]) -> Array:
-    """Standard deviation of a Sobel response to restored noise that was smoothed; both in 8-bit
-    levels.
-    """
+    """Standard deviation of Sobel responses to restored noise after smoothing, 8-bit levels."""
     scales, responses = _responses()
     return np.asarray(noise * np.interp(_scale_of(noise), scales, responses))
 
 
 @lru_cache(maxsize=1)
 def _responses() -> tuple[Array, Array]:
-    """Scales of the Gaussian, px, and how much of white noise a Sobel response then holds."""
+    """Scales of the Gaussian, px, and standard deviations of Sobel responses to unit noise."""
     scales = np.linspace(0.0, LARGEST, 24)
     impulse = np.zeros((41, 41))
     impulse[20, 20] = 1.0
@@ -126,7 +122,7 @@ def _scale_of(noise: Any) -> Any:
 
 
 def _position_of(scale: Array) -> Array:
-    """Position of a scale among those computed: 0 is the image as it is."""
+    """Position of a scale among those computed, between two of them; 0 is the image itself."""
     computed = np.concatenate(([0.0], _FIRST * _RATIO ** np.arange(_LEVELS)))
     return np.interp(scale, computed, np.arange(_LEVELS + 1))
 
@@ -138,7 +134,7 @@ def _interpolate(
     most = np.int32(scales.shape[0] - 2)
     for y in range(start, stop):
         for x in range(grey.shape[1]):
-            # Unsigned, since numba looks whether other indices are below zero.
+            # Unsigned, since numba checks whether signed indices are negative.
             step = (gain[y, x] - low) * per_gain + np.float32(0.5)
             at = position[np.uint32(index_of(step, 0, position.size - 1))]
             level = index_of(at, 0, most)

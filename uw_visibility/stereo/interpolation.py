@@ -19,10 +19,10 @@ from uw_visibility.images.cells import fold, spread
 def fill_gaps(
     disparity: DisparityMap, max_gap: int, workers: Workers
 ) -> NDArray[np.float32]:
-    """Fill gaps within rows from the background, which is what most of them hide.
+    """Fill gaps within rows from the background, since most gaps are occlusions.
 
-    Each takes the farther of its two sides in the row (Hirschmüller 2008, section 2.6.3, fills
-    occlusions from there, too), unless it is wider than twice `max_gap`, px.
+    Each gap takes the farther of its two sides in the row, as occlusions in Hirschmüller 2008,
+    section 2.6.3, unless it is wider than twice `max_gap`, px.
 
     disparity: (H, W) float32, px; NaN = a gap.
     Returns (H, W) float32, a new map; NaN stays in wider gaps.
@@ -40,7 +40,7 @@ def _fill_rows(start: int, stop: int, disparity: Any, widest: int, filled: Any) 
 
 @njit(nogil=True, error_model="numpy")
 def fill_from_farther(row: Any, widest: int, filled: Any) -> None:
-    """Copy a row, and give gaps in it, NaN or -inf, the farther of their two sides.
+    """Copy a row and fill its gaps, NaN or -inf, with the farther of their two sides.
 
     At the border there is one side only. Gaps of more than `widest` px become NaN.
     """
@@ -65,21 +65,21 @@ def fill_from_farther(row: Any, widest: int, filled: Any) -> None:
         x = end
 
 
-# Pixels per cell of the grid that large areas are inpainted on.
+# Side of the cells of the grid on which large areas are inpainted, px.
 CELL = 8
-# Radius (cells) that the inpainting takes values from.
+# Radius of the inpainting's neighbourhood, cells.
 REACH = 3.0
 
 
 def inpaint(disparity: DisparityMap) -> NDArray[np.float32]:
-    """Inpainting of all that is open (Bertalmio et al., doi 10.1109/CVPR.2001.990497).
+    """Fill all unknown pixels by inpainting (Bertalmio et al., doi 10.1109/CVPR.2001.990497).
 
-    Done on a coarse grid of cells: what is left at this stage is large and has
-    no detail to restore. OpenCV's other method, Telea's, does not even carry a
-    constant into a hole, and differs between its versions.
+    A coarse grid of cells is inpainted: the holes are large, without detail to restore. OpenCV's
+    other method, by Telea, does not even continue a constant into a hole, and differs between
+    versions of OpenCV.
 
-    Returns a new map: known pixels unchanged, the others within the extremes of
-    those known; NaN everywhere if none is known.
+    Returns a new map: known pixels are unchanged, the others lie within the limits of the known
+    ones; all are NaN if none is known.
     """
     known = np.isfinite(disparity)
     count = fold(known.astype(np.float32), CELL, 0.0)
@@ -91,7 +91,7 @@ def inpaint(disparity: DisparityMap) -> NDArray[np.float32]:
     small = np.where(holes, low, total / np.maximum(count, np.float32(1)))
     if holes.any():
         small = cv2.inpaint(small, holes.astype(np.uint8), REACH, cv2.INPAINT_NS)
-        # Beside single known cells OpenCV may divide nothing by nothing.
+        # OpenCV may divide 0 by 0 beside single known cells.
         small[~np.isfinite(small)] = low
     return np.where(
         known, disparity, np.clip(spread(small, CELL, disparity.shape), low, high))

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Stereo matchers by name, and the disparities that they search."""
+"""Stereo matchers by name, and the limits of their disparities."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from uw_visibility.stereo.onnx_matcher import OnnxMatcher
 MATCHERS: dict[
     str, Callable[[tuple[int, int], tuple[int, int], StereoConfig, Workers], Matcher]
 ] = {"elas": Matcher, ONNX: OnnxMatcher}
-"""Makers of matchers, of height and width, limits of disparity, px, parameters and threads:
-another one is an entry here, with the calls of `Matcher`."""
+"""Constructors of matchers by name, from height and width, disparity limits, px, parameters and
+threads. A further matcher is added here and needs the methods of `Matcher`."""
 
 MATCHER = StereoConfig.matcher
-"""The one of step 1, and by default of step 2 (parameter `stereo.matcher`)."""
+"""Matcher of step 1, and default of step 2 (parameter `stereo.matcher`)."""
 
 
 def check_matcher(config: StereoConfig, threads: int) -> None:
-    """Refuse a matcher that there is not, or a model that cannot be loaded."""
+    """Refuse an unknown matcher, or a model that cannot be loaded."""
     if config.matcher not in MATCHERS:
         raise InputError(
             f"parameter stereo.matcher is {config.matcher!r}: give one of {', '.join(MATCHERS)}")
@@ -33,7 +33,7 @@ def check_matcher(config: StereoConfig, threads: int) -> None:
 
 
 def disparity_limits(config: StereoConfig, width: int) -> tuple[int, int]:
-    """Smallest and largest disparity searched in images of a width, px, 0 for a quarter of it."""
+    """Smallest and largest disparity to search, px; a largest of 0 means a quarter of `width`."""
     low = config.min_disparity
     high = config.max_disparity or width // 4
     high = min(high, width - 16)

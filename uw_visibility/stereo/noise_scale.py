@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scale selection: the finest scale at which a noisy image shows most of its scene.
 
-Gradients that hold less signal than noise are hardly ever matched, and many are matched by
-chance over a wide search. Means over squares of pixels take noise and leave what is coarser. How
-much signal there is, is seen in the image itself, without ranges or water.
+Gradients with less signal than noise are hardly ever matched correctly, and many are matched by
+chance in a wide search. Means over squares of pixels reduce noise and keep coarser structure. The
+amount of signal is measured in the image alone, without ranges or water.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from uw_visibility.images.view import code_value
 from uw_visibility.stereo.contrast import mixed_noise
 from uw_visibility.stereo.denoising import ROUNDING
 
-# Side of the cells that are looked at, px.
+# Side of the cells in which gradients are compared with noise, px.
 _CELL = 48
 # Variance of a Sobel response to noise of variance 1.
 _SOBEL_VARIANCE = 12.0
-# Deviation of rounding to 8 bits, code values; the noise that is measured is without it.
+# Standard deviation of rounding to 8 bits, code values; the measured noise does not include it.
 _ROUNDING_ERROR = 0.29
-# Energy of gradients over that of noise alone from which a cell shows the scene, and from which
-# it does so at the coarsest scale, at which few pixels are left of a cell. The noise that is
-# measured in the smoothest parts of an image is less by an eighth or so than there is.
+# Least energy of gradients over that of noise in a cell that shows the scene, and the same at the
+# coarsest scale, at which a cell has few pixels. Noise is underestimated by about an eighth, since
+# it is measured in the smoothest parts of an image.
 _SHOWN, _SURELY_SHOWN = 1.5, 2.0
-# Part of what is shown at the coarsest scale that a finer one has to show.
+# Least number of cells that show the scene at a finer scale, over that at the coarsest.
 _MOST = 0.9
 
 
@@ -42,8 +42,8 @@ def matching_scale(
     image: (H, W, 3) or (H, W) of uint8 or uint16, RGB or grey.
     noise: (3,) or (1,) float64, standard deviation of each channel's noise, code values.
     weights: (3,) array_like, weights of the channels that are matched, of sum 1.
-    scales: sides to choose from, px, ascending; the first where there is no noise, and where none
-        shows a scene.
+    scales: sides to choose from, px, ascending; the first is chosen without noise, and if no
+        scale shows a scene.
     """
     if len(scales) == 1 or mixed_noise(image, noise, weights) <= ROUNDING * code_value(image):
         return scales[0]
@@ -58,7 +58,7 @@ def matching_scale(
 def shown(
     image: Image, noise: Array, weights: Sequence[float] | Array, scale: int
 ) -> NDArray[np.bool_]:
-    """Mask (H, W) of the parts of an image that show more than noise at a coarse scale.
+    """Mask (H, W) of the parts of an image in which a coarse scale shows more than noise.
 
     See `matching_scale`; `scale` is the side of the squares of pixels that are averaged, px.
     """
@@ -72,7 +72,7 @@ def shown(
 def _mixed(
     image: Image, noise: Array, weights: Sequence[float] | Array,
 ) -> tuple[NDArray[np.float32], float]:
-    """The weighted channels as one, and the variance of its noise with that of rounding."""
+    """Weighted sum of the channels, and the variance of its noise including rounding."""
     deviation = mixed_noise(image, noise, weights)
     mixed = image.astype(np.float32)
     if image.ndim == 3:
@@ -83,7 +83,7 @@ def _mixed(
 
 
 def _shown_cells(image: NDArray[np.float32], scale: int, variance: float) -> NDArray[np.bool_]:
-    """Cells whose gradients along rows, at a scale, have more energy than noise of a variance."""
+    """Cells in which gradients along rows, at a scale, have more energy than those of noise."""
     height, width = image.shape
     small = image
     if scale > 1:

@@ -1,10 +1,10 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Matcher whose dense disparities come from a network of one's own, in ONNX.
+"""Matcher whose dense disparities come from the user's own network, in ONNX.
 
-Support points and mesh stay those of ELAS. What the network says is compared with what it says
-of the mirrored pair: occlusions and mismatches differ, and how far the others differ tells the
-disparities' error and how sure each of them is.
+Support points and mesh are those of ELAS. The network's disparities are compared with those of the
+mirrored pair: at occlusions and mismatches they differ, and elsewhere the distribution of the
+differences gives the disparities' standard deviation and confidence.
 """
 
 from __future__ import annotations
@@ -27,15 +27,16 @@ from uw_visibility.stereo.elas import DenseMatch, Matcher, SupportPoints
 from uw_visibility.stereo.elas.postprocess import remove_segments
 from uw_visibility.stereo.rig import DISPARITY_STDDEV
 
-# Standard deviation of the mean brightness that is taken off a restored view, px: contrast that
-# is wider was not restored.
+# Standard deviation of the Gaussian whose mean is subtracted from a restored view, px: coarser
+# contrast was not restored.
 _WIDEST_DETAIL = 8.0
 
 
 class OnnxMatcher(Matcher):
     """ELAS whose dense search is a network (`StereoConfig.model`); see `Matcher`.
 
-    Raises `InputError` if the model is missing or no stereo network; see `Network`.
+    Raises `InputError` if the model is missing or not a stereo network, see `Network`, and if
+    `min_confidence` is set without `network_check`.
     """
 
     def __init__(
@@ -44,17 +45,17 @@ class OnnxMatcher(Matcher):
     ) -> None:
         if config.min_confidence > 0 and not config.network_check:
             raise InputError(
-                "stereo.min_confidence needs stereo.network_check, which tells the confidence: "
-                "set it, or set stereo.min_confidence to 0")
+                "stereo.min_confidence needs stereo.network_check, which gives the confidence: "
+                "turn it on, or set stereo.min_confidence to 0")
         super().__init__(shape, disparities, config, workers)
         self._network = Network(config, "stereo", 2, shape, workers.threads, disparities[1])
 
     def dense_disparity(
         self, support: SupportPoints, *, confidence: bool = True, least_for_colour: float = 0.0,
     ) -> DenseMatch:
-        """Match every pixel of the described pair; `support` changes nothing.
+        """Match every pixel of the described pair; `support` is not used.
 
-        Without the second run (`StereoConfig.network_check`) none is rated.
+        Without the second run (`StereoConfig.network_check`) there is no confidence.
         Raises `uw_visibility.images.network.NetworkError` if the network fails.
         """
         left, right = (self._pixels(self._images[side]) for side in (0, 1))
@@ -74,12 +75,12 @@ class OnnxMatcher(Matcher):
         return DenseMatch(disparity, rated if confidence else None, for_colour, stddev)
 
     def _clear(self, disparity: DisparityMap) -> None:
-        """Set to NaN, as ELAS does, what noise explains, as in open water, and small segments."""
+        """Set matches that are no better than noise and small segments to NaN, as ELAS does."""
         self._remove_noise(disparity)
         remove_segments(disparity, self._config.segment_size, self._config.segment_difference)
 
     def _run(self, left: NDArray[np.float32], right: NDArray[np.float32]) -> DisparityMap:
-        """Return the network's disparities, px; NaN beyond the limits and beyond the view."""
+        """Return the network's disparities, px; NaN outside of the limits or of the right view."""
         found = self._network.run(np.ascontiguousarray(left), np.ascontiguousarray(right))
         found = found * np.float32(self._network.columns_per_px)
         low, high = self._disparities
@@ -88,7 +89,7 @@ class OnnxMatcher(Matcher):
         return found
 
     def _pixels(self, view: ContrastNormalizer) -> NDArray[np.float32]:
-        """Return the pixels that the network takes, (H, W, C), 0..1."""
+        """Return the network's input of a view, (H, W, C), 0..1."""
         if self._config.network_images == "restored":
             grey = view.grey.astype(np.float32)
             detail = (grey - cv2.GaussianBlur(grey, (0, 0), _WIDEST_DETAIL)) * view.gain
@@ -99,7 +100,7 @@ class OnnxMatcher(Matcher):
 
 
 def _difference(left: DisparityMap, right: DisparityMap) -> NDArray[np.float32]:
-    """Left disparities less those of the same points in the right view; NaN where unknown."""
+    """Left disparities minus those of the same points in the right view; NaN where unknown."""
     rows, columns = np.indices(left.shape, np.float32)
     seen = cv2.remap(
         right, columns - np.nan_to_num(left), rows, cv2.INTER_LINEAR,
@@ -110,26 +111,26 @@ def _difference(left: DisparityMap, right: DisparityMap) -> NDArray[np.float32]:
 def rate_difference(
     difference: NDArray[np.float32], tolerance: float, searched: float
 ) -> tuple[float, NDArray[np.float32]]:
-    """Find the error of disparities, and how sure each is, from what two views say of a point.
+    """Standard deviation and confidence of disparities, from the difference of the two views.
 
-    A mixture: of a right match the two disparities have independent normal errors, of a
-    mismatch they differ by anything that was searched. An error that both views share shows
-    in no difference; so the error is at least `DISPARITY_STDDEV`, and a network that is wrong
-    alike in both is rated too high.
+    A mixture model: the two disparities of a correct match have independent normal errors, those
+    of a mismatch differ uniformly within the searched range. Errors that both views share make no
+    difference: the standard deviation is at least `DISPARITY_STDDEV`, and the confidence of a
+    network with the same errors in both views is too high.
 
     Parameters
     ----------
     difference : (H, W) float32 ndarray
-        px; NaN where one of them is unknown.
+        Left minus right disparity, px; NaN where one of them is unknown.
     tolerance : float
         Largest difference of a match, px.
     searched : float
-        Largest less smallest disparity, px.
+        Largest minus smallest disparity, px.
 
     Returns
     -------
     stddev : float
-        Standard deviation of a match, px.
+        Standard deviation of a matched disparity, px.
     confidence : (H, W) float32 ndarray
         Probability of an error within 1 px; 0 where there is no match.
     """
@@ -140,14 +141,14 @@ def rate_difference(
         return DISPARITY_STDDEV, confidence
     differ = max(median_deviation(difference[agree]), math.sqrt(2) * DISPARITY_STDDEV)
     stddev = differ / math.sqrt(2)
-    # Mismatches that agree by chance are as many as their share of what was searched.
+    # Share of mismatches; a part of tolerance / searched of them agrees by chance.
     fail = 1.0 - np.count_nonzero(agree) / np.count_nonzero(np.isfinite(size))
     wrong = min(fail / max(1.0 - tolerance / searched, 1e-3), 1.0)
     found = size[agree]
     normal = np.exp(-0.5 * (found / differ) ** 2) / (math.sqrt(2 * math.pi) * differ)
     right = (1.0 - wrong) * normal
     right /= right + wrong / (2.0 * searched)
-    # Of two errors whose difference is known, each has half of it on average.
+    # Given the difference of two errors, each error is half of it on average.
     spread = differ / 2.0
     within = ndtr((1.0 - found / 2.0) / spread) - ndtr((-1.0 - found / 2.0) / spread)
     confidence[agree] = right * within

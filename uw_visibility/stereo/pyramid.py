@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Image pyramid of one level: downsampled images for matching, upsampled disparity."""
+"""Image pyramid: downsampled images for matching, upsampled disparity."""
 
 from __future__ import annotations
 
@@ -18,21 +18,20 @@ from uw_visibility.images.view import View
 from uw_visibility.stereo.denoising import ROUNDING
 from uw_visibility.stereo.rig import StereoRig
 
-# Of 16 bits, one code of 8: white stays white.
+# Codes of 16 bits per code of 8 bits: white stays white.
 _CODE_16_BIT = 257
-# Neighbours that differ by more, in small pixels, are two surfaces.
+# Largest difference of neighbouring disparities on one surface, px of the small image.
 _SURFACE = np.float32(1)
 
 
 class Pyramid:
-    """Two-level image pyramid: a pair at a fraction of its size, and its disparities back.
+    """Two-level image pyramid: reduces a pair, and brings its disparities back to full size.
 
-    A pixel of the small images is the mean of a square of `factor` by `factor` pixels. Pixels
-    at the right and lower border that fill no square are left out, and take their neighbours'
-    disparity.
+    A pixel of the small images is the mean of a square of `factor` by `factor` pixels. Incomplete
+    squares at the right and lower border are left out, and take their neighbours' disparity.
 
     shape, small: height and width of the images, and of the small ones, px.
-    factor: 1 where the small images would be too small.
+    factor: 1 if the small images would be too small.
     """
 
     def __init__(self, factor: int, shape: tuple[int, int]) -> None:
@@ -50,12 +49,11 @@ class Pyramid:
         return read_only(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
 
     def downsample_view(self, view: View) -> View:
-        """Return the small view; all of its pixels count.
+        """Return the small view; all of its pixels are valid.
 
-        In noise it has 16 bits, since a mean of noisy pixels tells more than 8 of them do, and
-        far away in turbid water all contrast is a code or two.
-        Its noise is what it shows itself, and at most what the mean leaves of
-        the large one's: detail that is a pixel wide in the small view looks like noise.
+        A noisy view gets 16 bits, since means of noisy pixels are finer than 8 bits, and far away
+        in turbid water all contrast is a code or two. Its noise is measured anew, and limited to
+        the large view's over `factor`: detail of one pixel in the small view looks like noise.
         """
         if self.factor == 1:
             return view
@@ -65,12 +63,12 @@ class Pyramid:
             limit = _CODE_16_BIT * limit
         small = View.of(self.downsample(pixels), view.transfer).with_noise_below(limit)
         if np.any(view.low_frequency_noise > view.noise):
-            # The small view shows no blocks of JPEG any more.
+            # It cannot be measured in the small view, which does not show JPEG's blocks.
             small = replace(small, low_frequency_noise=limit)
         return small
 
     def upsample_mask(self, mask: Mask | None) -> NDArray[np.bool_] | None:
-        """Return which pixels of the full size have their small one in a mask."""
+        """Return a mask of the small images at full size; False at an incomplete square."""
         factor = self.factor
         if mask is None or factor == 1:
             return mask
@@ -111,31 +109,37 @@ class Pyramid:
         return _scaled(points, self.factor)
 
     def upsample_disparity(self, small: DisparityMap) -> DisparityMap:
-        """Bring a disparity map (h, w) to full size, px; NaN where unmatched.
+        """Upsample a disparity map (h, w) to full size, px; NaN where unmatched.
 
-        On a surface it is interpolated; across edges and beside unmatched pixels each
-        pixel takes its square's.
+        Within a surface it is interpolated; across edges and beside unmatched pixels each pixel
+        takes the value of its square.
         """
         if self.factor == 1:
             return small
-        size = small.shape[1] * self.factor, small.shape[0] * self.factor
-        own = cv2.resize(small, size, interpolation=cv2.INTER_NEAREST)
+        factor, (height, width) = self.factor, small.shape
+        size = width * factor, height * factor
+        full = cv2.resize(small, size, interpolation=cv2.INTER_NEAREST)
         smooth = cv2.resize(small, size, interpolation=cv2.INTER_LINEAR)
-        # Each pixel lies between the centres of four of the small image.
+        # Each pixel lies between the centres of four small pixels.
         beside = np.pad(small, 1, mode="edge")
         corners = beside[:-1, :-1], beside[:-1, 1:], beside[1:, :-1], beside[1:, 1:]
-        # False where one of them is not a number.
+        # False where one of them is NaN.
         even = np.maximum.reduce(corners) - np.minimum.reduce(corners) <= _SURFACE
-        rows, columns = (
-            ((np.arange(n) + 0.5) / self.factor + 0.5).astype(int) for n in own.shape)
-        full = self.factor * np.where(even[rows][:, columns], smooth, own)
+        between = cv2.resize(
+            even.astype(np.uint8), (size[0] + factor, size[1] + factor),
+            interpolation=cv2.INTER_NEAREST)
+        first = (factor + 1) // 2
+        np.copyto(
+            full, smooth,
+            where=between[first : first + size[1], first : first + size[0]].view(np.bool_))
+        full *= np.float32(factor)
         left_over = [(0, n - m) for n, m in zip(self.shape, full.shape, strict=True)]
-        return np.pad(full, left_over, mode="edge")
+        return np.pad(full, left_over, mode="edge") if full.shape != self.shape else full
 
     def upsample_confidence(
         self, small: NDArray[np.float32], disparity: DisparityMap
     ) -> NDArray[np.float32]:
-        """Bring confidences to the full size of the disparities made from the same pixels."""
+        """Upsample confidences to the size of a disparity map; 0 where it is NaN."""
         height, width = disparity.shape
         full = cv2.resize(small, (width, height), interpolation=cv2.INTER_NEAREST)
         full[np.isnan(disparity)] = 0

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from uw_visibility.images.arrays import Array, Image, Points
 from uw_visibility.optics.transfer import linear_table
 
-# More points than this tell nothing new.
+# Largest number of points that are used; more are not more precise.
 _MOST_POINTS = 400
-# Fewer than this tell nothing.
+# Least number of points for a channel's gain.
 _FEWEST_POINTS = 30
 # Half side of the square over which pixels are averaged, px.
 _REACH = 2
-# Irradiance below which a ratio is that of black levels.
+# Least irradiance: ratios of darker pixels depend on the cameras' black levels.
 _DARK = 0.02
 
 
@@ -26,8 +26,8 @@ def right_gain(left: Image, right: Image, points: Points, transfer: str) -> Arra
     left, right: (H, W, 3) or (H, W) of uint8 or uint16, the pair.
     points: (N, 3) float32, column and row in the left image, and disparity, px.
     transfer: ``"linear"`` or ``"srgb"``.
-    Returns (3,) or (1,) float64, median over the points of the ratio of irradiances; 1 for a
-    channel in which too few points can be compared.
+    Returns (3,) or (1,) float64, median of the points' ratio of irradiances; 1 for a channel with
+    too few usable points.
     """
     stride = -(-len(points) // _MOST_POINTS) or 1
     chosen = points[::stride]
@@ -57,7 +57,7 @@ def right_gain(left: Image, right: Image, points: Points, transfer: str) -> Arra
 def _patch_means(
     image: Image, u: NDArray[np.int64], v: NDArray[np.int64], table: NDArray[np.float32]
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return mean irradiance about each point, and whether a pixel there is saturated."""
+    """Return mean irradiance around each point, and whether a pixel there is saturated."""
     planes = image[..., np.newaxis] if image.ndim == 2 else image
     y, x = np.mgrid[-_REACH : _REACH + 1, -_REACH : _REACH + 1].reshape(2, -1)
     codes = planes[v[:, np.newaxis] + y, u[:, np.newaxis] + x]

@@ -17,11 +17,11 @@ from uw_visibility.stereo.rig import StereoRig
 
 
 class Rectifier:
-    """Rectification of raw image pairs, by the CameraInfo (K, D, R and P) of both cameras.
+    """Rectification of raw image pairs from the CameraInfo (K, D, R and P) of both cameras.
 
     rig: geometry of the rectified images.
-    valid: (H, W) bool, where the rectified left image shows the raw one.
-    valid_window: (x, y, width, height) of the smallest window that holds all of `valid`.
+    valid: (H, W) bool, pixels of the rectified left image that come from within the raw one.
+    valid_window: (x, y, width, height) of the smallest window that contains all of `valid`.
     """
 
     def __init__(self, left: Any, right: Any) -> None:
@@ -40,7 +40,7 @@ class Rectifier:
         self.valid.flags.writeable = False
         if not self.valid.any() or not _inside(*maps[1], self.size).any():
             raise InputError(
-                "R and P of camera_info leave nothing of the image: calibrate the stereo pair again"
+                "R and P of camera_info map all pixels out of the image: calibrate the pair again"
             )
         rows, columns = np.flatnonzero(self.valid.any(1)), np.flatnonzero(self.valid.any(0))
         self.valid_window = (
@@ -49,7 +49,7 @@ class Rectifier:
         )
 
     def rectify(self, left: Image, right: Image) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Rectify a pair of raw images; 0 where the raw image does not reach."""
+        """Rectify a pair of raw images; pixels from outside the raw image are 0."""
         width, height = self.size
         rectified = []
         for image, maps, side in zip((left, right), self._maps, ("left", "right"), strict=True):
@@ -62,8 +62,7 @@ class Rectifier:
         return rectified[0], rectified[1]
 
     def rectify_reduced(self, left: Image, factor: int) -> NDArray[Any]:
-        """Rectify a left image whose pixels are means of ``factor`` by ``factor`` of the raw one's.
-        """
+        """Rectify a raw left image that was reduced to means of ``factor`` by ``factor`` pixels."""
         if factor not in self._reduced:
             height, width = left.shape[:2]
             x, y = (
@@ -85,7 +84,7 @@ def _undistortion_maps(
     function: Any = cv2.initUndistortRectifyMap
     if calibration.distortion_model == EQUIDISTANT:
         function = cv2.fisheye.initUndistortRectifyMap
-    # Coefficients that are all 0 may be of any number, but for OpenCV.
+    # Any number of zeros means no distortion, but OpenCV accepts certain numbers only.
     distortion = calibration.distortion if calibration.distortion.any() else np.zeros(4)
     x, y = function(
         calibration.camera_matrix, distortion, calibration.rotation,
@@ -97,7 +96,7 @@ def _undistortion_maps(
 def _inside(
     x: NDArray[np.float32], y: NDArray[np.float32], size: tuple[int, int]
 ) -> NDArray[np.bool_]:
-    # The fixed-point maps round to 1/32 px, so a hair outside is still inside.
+    # The fixed-point maps round to 1/32 px, so half of that outside counts as inside.
     reach = 1.0 / 64.0
     horizontal = (x >= -reach) & (x <= size[0] - 1 + reach)
     return horizontal & (y >= -reach) & (y <= size[1] - 1 + reach)

@@ -18,11 +18,11 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, DisparityMap, RangeMap
 from uw_visibility.stereo.calibration import CameraInfo, check_rectified, read_pair, read_projection
 
-# No camera's lengths, px or m, are beyond this, nor below its inverse. Messages hold them in
-# 32 bit, and products of them must be finite.
+# Largest length of a camera, px or m; the smallest is its inverse. Messages hold lengths in 32
+# bits, and their products must be finite.
 LARGEST = 1e6
 
-# Cameras of one vehicle are nearer to one another than this, m. A number beyond it is mm.
+# Largest baseline, m; a larger number is probably in mm.
 LARGEST_BASELINE = 10.0
 
 DISPARITY_STDDEV = 0.3
@@ -42,14 +42,14 @@ class StereoRig:
     principal_point : tuple of float
         Principal point (cx, cy) of the left image, px.
     principal_point_right : tuple of float, optional
-        That of the right image; the left one's where absent.
+        Principal point of the right image, px; by default that of the left one.
     focal_length_y : float, optional
-        Vertical focal length, px, where pixels are not square.
+        Vertical focal length, px, if pixels are not square.
 
     Raises
     ------
     InputError
-        If a length is not a positive number, or a number is beyond what any camera has.
+        If a length is not a positive number, or a number is too large for a camera.
     """
 
     focal_length: float
@@ -63,8 +63,8 @@ class StereoRig:
         _check_positive("baseline", self.baseline, "m")
         if self.baseline > LARGEST_BASELINE:
             raise InputError(
-                f"baseline is {self.baseline:g} m, as of {self.baseline / 1000.0:g} m in mm: give "
-                f"it in m, up to {LARGEST_BASELINE:g}"
+                f"baseline is {self.baseline:g} m, probably {self.baseline:g} mm: give it in m, up "
+                f"to {LARGEST_BASELINE:g}"
             )
         if self.focal_length_y is not None:
             _check_positive("vertical focal length", self.focal_length_y, "px")
@@ -74,26 +74,26 @@ class StereoRig:
 
     @classmethod
     def from_camera_info(cls, left: CameraInfo, right: CameraInfo) -> StereoRig:
-        """Take the rig from P of a pair of CameraInfo messages.
+        """Make the rig from P of a pair of CameraInfo messages.
 
         Parameters
         ----------
         left, right : object
-            CameraInfo of rclpy or rosbags, of ROS 1 or ROS 2. Region of
-            interest and binning are taken into account.
+            CameraInfo of rclpy or rosbags, of ROS 1 or ROS 2. Region of interest and binning are
+            applied.
 
         Raises
         ------
         InputError
-            If a camera is not calibrated, the sizes differ, or P is not that
-            of a rectified pair with the left camera at the origin.
+            If a camera is not calibrated, the image sizes differ, or P is not that of a rectified
+            pair with the left camera at the origin.
         """
         calibrations = read_pair(left, right)
         return cls.from_projection(*(c.projection for c in calibrations))
 
     @classmethod
     def from_projection(cls, left: ArrayLike, right: ArrayLike) -> StereoRig:
-        """Take the rig from the projection matrices P1 and P2 of a rectified pair.
+        """Make the rig from the projection matrices P1 and P2 of a rectified pair.
 
         Parameters
         ----------
@@ -103,7 +103,7 @@ class StereoRig:
         Raises
         ------
         InputError
-            If a matrix has another form, or if the pair is not rectified.
+            If a matrix is not a (3, 4) projection matrix, or the pair is not rectified.
         """
         p1, p2 = read_projection(left, "left"), read_projection(right, "right")
         check_rectified(p1, p2)
@@ -156,18 +156,17 @@ class StereoRig:
         Returns
         -------
         (H, W) float32 ndarray
-            Range, m; NaN where the disparity is NaN, or not positive once
-            the principal points' difference is taken off.
+            Range, m; NaN where the disparity is NaN, or not larger than `offset`.
         """
         return self._range(disparity, math.nan)
 
     def range_of_filled(self, disparity: DisparityMap) -> RangeMap:
-        """Range, m, of a disparity map without gaps; infinite at or beyond infinity's disparity."""
+        """Range, m, of a disparity map without gaps; infinite where it is at most `offset`."""
         return self._range(disparity, math.inf)
 
     def _range(self, disparity: DisparityMap, beyond: float) -> NDArray[np.float32]:
-        """Range, m; `beyond` where the disparity lies at or beyond infinity."""
-        # A new array of one kind, whatever was given: each kind would compile the kernel anew.
+        """Range, m; `beyond` where the disparity is at most that of a point at infinity."""
+        # Always float32 in C order: the kernel would be compiled anew for each other kind of array.
         range_map = np.subtract(disparity, np.float32(self.offset), dtype=np.float32, order="C")
         _to_range(
             range_map, self.ray_lengths(range_map.shape),
@@ -175,7 +174,7 @@ class StereoRig:
         return range_map
 
     def range_error(self, disparity_stddev: float = DISPARITY_STDDEV) -> float:
-        """Standard deviation of range over its square, 1/m, for that of the disparity, px."""
+        """Standard deviation of range over squared range, 1/m, from that of the disparity, px."""
         return disparity_stddev / (self.focal_length * self.baseline)
 
     def disparity_from_range(self, range_map: RangeMap) -> DisparityMap:
@@ -229,7 +228,7 @@ def _set_point(rig: StereoRig, field: str, name: str) -> None:
 
 
 def _is_number(value: object) -> bool:
-    """Whether a value is one number: no text, no truth value, no array."""
+    """Whether a value is a single real number, and not a string, bool or array."""
     return isinstance(value, Real) and not isinstance(value, (bool, np.bool_))
 
 
@@ -237,8 +236,8 @@ def _shown(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else repr(value)
 
 
-# Full size, and those that the two steps match. An array of each calibration that was ever
-# seen would be held for ever.
+# Sizes: full, and those that the two steps match. Without a limit, arrays of all earlier
+# calibrations would be kept.
 @functools.lru_cache(maxsize=3)
 def _ray_lengths(rig: StereoRig, shape: tuple[int, int]) -> NDArray[np.float32]:
     x, y = rig._at_unit_depth(np.arange(shape[1]), np.arange(shape[0]), False)

@@ -19,9 +19,9 @@ from uw_visibility.stereo.interpolation import fill_from_farther
 def in_right_view(disparity: DisparityMap, workers: Workers | None = None) -> NDArray[np.float32]:
     """Warp a disparity map (H, W) without holes to the right view.
 
-    Of two surfaces at one pixel the nearer is seen. What only the right camera
-    sees lies behind, and takes the farther of its two neighbours in the row. NaN is passed over;
-    rows that nothing falls into are NaN.
+    Where two surfaces fall on one pixel, the nearer one is kept. Pixels that only the right camera
+    sees belong to the background and take the farther of their two neighbours in the row. NaN is
+    ignored; rows without any match are NaN.
     """
     warped = np.empty_like(disparity)
     (workers or Workers(1)).rows(_warp, disparity.shape[0], disparity, warped)
@@ -32,7 +32,7 @@ def in_right_view(disparity: DisparityMap, workers: Workers | None = None) -> ND
 def _warp(start: int, stop: int, disparity: Any, warped: Any) -> None:
     width = disparity.shape[1]
     nothing = np.float32(-np.inf)
-    # Of the right row, after one pixel for all that lies beyond its borders.
+    # Largest disparity at each pixel of the right row; the first entry is for pixels outside of it.
     nearest = np.empty(width + 1, np.float32)
     column = np.empty(width, np.int32)
     for y in range(start, stop):

@@ -23,7 +23,7 @@ pytest.importorskip("rosbags")
 pytest.importorskip("matplotlib")
 
 from uw_visibility.messages.stamps import header_stamp, with_stamp
-from uw_visibility_lab.demonstration.comparison import score, summarize
+from uw_visibility_lab.demonstration.comparison import QUANTITIES, score, summarize, write_results
 from uw_visibility_lab.demonstration.node_process import NodeDied, NodeProcess
 
 pytestmark = pytest.mark.node
@@ -233,3 +233,20 @@ def test_summary_is_over_the_frames_that_were_answered() -> None:
     assert summary["correct (<= 1 px), after"] == "0.700"
     assert summary["median latency, image to last result"] == "200 ms"
     assert dict(summarize([rows[2]]))["mean absolute error of alpha"] == "not assessed"
+
+
+def test_a_frame_without_an_answer_is_not_shown_as_refused(tmp_path: Path) -> None:
+    def row(time: float, answered: int, value: float) -> dict[str, float]:
+        known = {"time": time, "answered": answered}
+        for name in QUANTITIES:
+            known |= {name: value, f"{name}_stddev": 0.1 * value, f"true_{name}": 1.0}
+        return known
+
+    red = {}
+    for name, answered in (("late", 0), ("refused", 1)):
+        folder = tmp_path / name
+        folder.mkdir()
+        write_results(folder, [row(0.0, 1, 1.0), row(1.0, answered, math.nan), row(2.0, 1, 1.0)])
+        blue, green, of_red = np.moveaxis(cv2.imread(str(folder / "series.png")).astype(int), -1, 0)
+        red[name] = np.count_nonzero((of_red > 190) & (green < 50) & (blue < 50))
+    assert red["late"] == 0 < red["refused"]

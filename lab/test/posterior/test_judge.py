@@ -94,7 +94,9 @@ def test_a_channel_that_is_not_told_does_not_count() -> None:
         return Answer("ok", log, np.full(3, 0.1), float(-np.nanmin(log)), 0.1)
 
     row = judge(without_red, cases(20))
-    assert row.error == row.distance_error == row.beyond == 0.0
+    assert row.error == row.beyond == 0.0
+    # Two logarithms of one value, whose last bit depends on the processor.
+    assert row.distance_error == pytest.approx(0.0, abs=1e-12)
 
 
 def test_published_fits_are_estimators_that_tell_their_own_water() -> None:

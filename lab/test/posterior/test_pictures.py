@@ -72,6 +72,10 @@ def test_every_method_has_its_row() -> None:
         "texture", texture, np.roll(texture, -8, axis=1), rig,
         rig.range_from_disparity(np.full((96, 160), 8, np.float32)), texture)
     rows = pictures.compare(pair, PipelineConfig())
+    dim = np.rint(0.25 * texture).astype(np.uint8)
+    dimmed = pictures.compare(
+        pair._replace(left=dim, right=np.roll(dim, -8, axis=1)), PipelineConfig())[0]
+    assert dimmed.method == "raw" and 0.0 < dimmed.colour < 1.0
     assert [row.method for row in rows] == ["raw", "ours", "CLAHE", "grey world", "Sea-thru"]
     assert rows[0].colour == 0.0 < rows[0].flicker
     both = pictures.summary(rows + rows)

@@ -48,7 +48,7 @@ columns with --pictures:
   step, 8 px   99th percentile of the steps of the gain between neighbours, and pixels 8 px apart,
                that the raw picture has the same values at; codes
   noise        of the flattest areas, over the raw picture's
-  ΔE           mean colour difference to the scene without water
+  ΔE           mean colour difference to the scene without water, at the best exposure
   flicker      change of blocks' means to the next frame, of this scene with other noise; codes"""
 
 OPTIONS: Options = {

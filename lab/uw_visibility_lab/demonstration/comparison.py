@@ -143,6 +143,7 @@ def _draw_series(path: Path, rows: Sequence[Row]) -> None:
     figure = Figure(figsize=(9.0, 8.2), layout="constrained")
     grid = figure.subplots(len(QUANTITIES), 1, sharex=True)
     time = np.array([row["time"] for row in rows])
+    answered = np.array([bool(row["answered"]) for row in rows])
     for axes, (name, (label, *_)) in zip(grid, QUANTITIES.items(), strict=True):
         value, sigma, truth = (
             np.array([row[field] for row in rows])
@@ -159,18 +160,20 @@ def _draw_series(path: Path, rows: Sequence[Row]) -> None:
         # A wild estimate does not set the limits.
         axes.set_ylim(0.0, 2.0 * truth.max())
         axes.grid(alpha=0.25)
-        missing = time[~np.isfinite(value)]
-        if missing.size:
-            axes.plot(
-                missing, np.zeros(missing.size), "|", color="#cc2020", markersize=9.0,
-                transform=axes.get_xaxis_transform(), clip_on=False, label="not assessed",
-            )
+        for label, missing, color in (
+            ("not answered", ~answered, "#808080"),
+            ("not assessed", answered & ~np.isfinite(value), "#cc2020"),
+        ):
+            if missing.any():
+                axes.plot(
+                    time[missing], np.zeros(missing.sum()), "|", color=color, markersize=9.0,
+                    transform=axes.get_xaxis_transform(), clip_on=False, label=label)
     grid[-1].set_xlabel("time [s]")
     handles: dict[str, object] = {}
     for axes in grid:
         handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     figure.legend(
-        list(handles.values()), list(handles), loc="outside lower center", ncols=6, frameon=False)
+        list(handles.values()), list(handles), loc="outside lower center", ncols=7, frameon=False)
     figure.suptitle("Estimates of the node over the transect")
     save(figure, path)
 

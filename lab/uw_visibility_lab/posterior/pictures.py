@@ -54,7 +54,7 @@ class Row(NamedTuple):
     steps: Array  # of the gain between neighbours, codes
     wide_steps: Array  # the same between pixels that are a block apart
     noise: float  # of flat areas over that of the raw picture
-    colour: float  # mean ΔE*ab to the truth, where ranges are known
+    colour: float  # mean ΔE*ab to the truth at the best exposure, where ranges are known
     flicker: float  # change of blocks' means from a frame to the next, of other noise, codes
 
 
@@ -179,13 +179,25 @@ def compare(pair: Pair, config: PipelineConfig, seed: int = 0) -> list[Row]:
     other = enhance(following, pipeline, series, _PERIOD)
     rows = []
     for name, picture in first.items():
-        colour = float("nan")
-        if pair.truth is not None and pair.ranges is not None:
-            colour = float(colour_difference(picture, pair.truth)[np.isfinite(pair.ranges)].mean())
         rows.append(Row(
             name, gain_steps(pair.left, picture), gain_steps(pair.left, picture, BLOCK),
-            noise_ratio(pair.left, picture), colour, _change(picture, other[name])))
+            noise_ratio(pair.left, picture), _colour(picture, pair), _change(picture, other[name])))
     return rows
+
+
+def _colour(picture: Image8, pair: Pair) -> float:
+    """Mean ΔE*ab to the scene without water, at the picture's best exposure; NaN without truth.
+
+    No method can tell bright surfaces in dim light from dark ones in bright light.
+    """
+    if pair.truth is None or pair.ranges is None:
+        return float("nan")
+    known = np.isfinite(pair.ranges)
+    seen, truth = (image[known][np.newaxis] for image in (picture, pair.truth))
+    scaled = seen.astype(np.float64)
+    scaled *= (scaled * truth).sum() / max(float((scaled * scaled).sum()), 1.0)
+    codes = np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
+    return float(colour_difference(codes, truth).mean())
 
 
 def summary(rows: Sequence[Row]) -> list[Row]:

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Pairs for the matcher that are exact by construction."""
+"""Pairs for the matcher with disparities known by construction."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def contrast_of() -> Callable[[Image], ContrastNormalizer]:
 
     def make(image: Image) -> ContrastNormalizer:
         contrast = ContrastNormalizer((image.shape[0], image.shape[1]))
-        # Texture from pixel to pixel, as in the tests, would else be measured as noise.
+        # Texture of single pixels, as in the tests, would otherwise be measured as noise.
         contrast.stretch(image, Workers(1), np.zeros(3))
         return contrast
 

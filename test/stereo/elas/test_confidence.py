@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Confidence: what it is called to be, on scenes whose disparity is known; look-alikes tell it."""
+"""Confidence is the share of correct disparities on known scenes; look-alikes determine it."""
 
 import numpy as np
 import pytest
@@ -52,11 +52,11 @@ def test_it_is_the_share_of_right_disparities(shared_data, name, mean_attenuatio
         load_scene(shared_data / "middlebury" / name), mean_attenuation).T
     assert np.all(np.diff(error) < 0)
     assert np.all(np.diff(right) > 0)
-    # Of the least sure fifth fewer are right than it says: 0.34 instead of 0.55 on art.
+    # In the least certain fifth fewer are right than the confidence: 0.34 instead of 0.55 on art.
     assert abs(sure[0] - right[0]) < 0.21
     assert np.abs(sure - right)[1:].max() < 0.13
     assert abs(sure.mean() - right.mean()) < 0.05
-    # It tells much: among the best fifth hardly any is wrong, among the worst many are.
+    # It separates well: hardly any of the best fifth are wrong, but many of the worst are.
     assert right[-1] > 0.96
     assert right[0] < 0.8
 
@@ -74,7 +74,7 @@ def test_noise_makes_it_less_sure(shared_data, name, codes, mean_attenuation):
     scene = load_scene(shared_data / "middlebury" / name)
     sure, right, _ = curve(scene, mean_attenuation, codes).T
     assert np.all(np.diff(right) > 0)
-    # Without regard to noise it says 0.87 on average, where 0.46 to 0.85 are right.
+    # Without a term for noise it is 0.87 on average, where 0.46 to 0.85 are right.
     assert abs(sure.mean() - right.mean()) < 0.12
     assert abs(sure[-1] - right[-1]) < 0.12
 
@@ -106,13 +106,13 @@ def test_hardly_any_of_what_the_right_image_does_not_show_is_matched(
         hidden = unseen_in_right(scene)
         of_hidden.append(found[hidden].mean())
         of_seen.append(found[scene.known & ~hidden].mean())
-    # In noise three pixels of ten were, before look-alikes were asked.
+    # In noise it was three pixels of ten without the look-alikes' votes.
     assert np.mean(of_hidden) < 0.185
     assert np.mean(of_seen) > seen
 
 
 def unseen_in_right(scene):
-    """Pixels of the left image that the right one does not show: something nearer is there."""
+    """Pixels of the left image that are outside of the right one, or occluded in it."""
     truth = scene.disparity_left
     rows, columns = np.indices(truth.shape)
     there = np.rint(columns - np.nan_to_num(truth)).astype(int)
@@ -121,13 +121,14 @@ def unseen_in_right(scene):
 
 
 HEIGHT, WIDTH = 60, 120
-# A bright surface right of the edge, and how far it grew over the dark one left of it.
+# Column of the edge between a dark surface and a bright one right of it, and how far the bright
+# one's disparity extends over the dark one, px.
 EDGE, GROWN = 60, 8
 NEAR, FAR = 20.0, 8.0
 
 
 def image(noise: float = 0.0) -> ContrastNormalizer:
-    """Return two tones, 100 levels apart, with as much noise."""
+    """Return two tones, 100 levels apart, with noise of some levels."""
     shown = ContrastNormalizer((HEIGHT, WIDTH))
     tones = np.where(np.arange(WIDTH) < EDGE, 80.0, 180.0)
     rng = np.random.default_rng(3)
@@ -138,7 +139,7 @@ def image(noise: float = 0.0) -> ContrastNormalizer:
 
 def rated(disparity: np.ndarray, noise: float = 0.0) -> np.ndarray:
     blank = np.full(HEIGHT * WIDTH * BYTES, 128, np.uint8)
-    # The right view agrees with all of it, so that tones alone tell.
+    # The right view denies no match, so that tones alone decide.
     right = np.full((HEIGHT, WIDTH), -1, np.int16)
     return confidence.rate(disparity, right, (blank, blank), image(noise), Workers(1))
 
@@ -151,7 +152,7 @@ def test_what_grew_over_an_edge_is_doubted(behind: float, noise: float) -> None:
     found = rated(disparity, noise)
     grown = found[:, EDGE - GROWN : EDGE - 2]
     own = found[:, EDGE + 2 : EDGE + GROWN]
-    # Wrong five times as often.
+    # The grown part is wrong five times as often.
     assert 1 - np.quantile(grown, 0.9) > 5 * (1 - np.quantile(own, 0.1))
     assert (found[np.isnan(disparity)] == 0).all()
 

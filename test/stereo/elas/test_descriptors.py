@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What descriptors keep and what they drop."""
+"""Descriptors keep gradients and drop brightness."""
 
 import ctypes
 import re
@@ -42,7 +42,7 @@ def test_a_constant_image_has_no_response():
 
 
 def test_horizontal_and_vertical_ramps_respond_in_their_own_part():
-    """A ramp of 2 levels a pixel: Sobel gives 16 levels, halved 8."""
+    """A ramp of 2 levels per pixel: the Sobel response is 16 levels, halved 8."""
     ramp = np.tile(np.arange(14, dtype=np.uint16) * 512, (12, 1))
     across = describe(ramp)[4, 6] - MIDDLE
     np.testing.assert_array_equal(across, [8] * 11 + [0] * 5)
@@ -62,7 +62,7 @@ def test_brightness_is_dropped_and_gain_undoes_contrast(texture):
 def test_a_shifted_image_has_shifted_descriptors(texture):
     wide = texture((20, 40)).astype(np.uint16) * 64
     left, right = describe(wide[:, :30].copy()), describe(wide[:, 7:37].copy())
-    # Away from the border's repeats.
+    # Without the border, where pixels are repeated.
     np.testing.assert_array_equal(left[:, 10:27], right[:, 3:20])
 
 
@@ -87,7 +87,7 @@ def test_equals_the_sum_of_absolute_differences(a: bytes, b: bytes, i: int, j: i
 
 
 def module() -> Any:
-    """The vector operation alone, as a module of LLVM."""
+    """An LLVM module with the vector operation only."""
     pointer = ir.IntType(8).as_pointer()
     made = ir.Module()
     function = ir.Function(made, ir.FunctionType(ir.IntType(32), [pointer, pointer]), "distance")
@@ -103,7 +103,7 @@ def machine(triple: str, **options: Any) -> Any:
 
 
 def host(**options: Any) -> tuple[Any, Any]:
-    """Compile for this machine; return the function, and what has to live as long."""
+    """Compile for this machine; return the function, and the object that must stay alive."""
     engine = llvm.create_mcjit_compiler(
         llvm.parse_assembly(str(module())), machine(llvm.get_process_triple(), **options)
     )
@@ -128,7 +128,7 @@ def test_special_instructions_give_the_same_as_the_plain_processor() -> None:
     [
         ("aarch64-linux-gnu", "addlv|addv"),
         ("armv7-linux-gnueabihf", "vabd|vpadd"),
-        # It has no vectors, unless asked for: the same becomes scalars.
+        # Without vector instructions, the default there, scalar code is generated.
         ("riscv64-linux-gnu", "lbu"),
     ],
 )

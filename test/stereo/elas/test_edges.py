@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Depth edges are moved to where the image has them, and nothing else is changed."""
+"""Depth edges are moved to those of the image, and nothing else is changed."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -92,7 +92,7 @@ def test_results_lie_within_what_was_seen_for_any_number_of_threads(seed):
 
 
 def test_a_surface_of_few_matches_is_not_given_to_the_one_behind():
-    """What is unmatched is no vote for the far side."""
+    """Unmatched pixels do not vote for the far side."""
     grey, truth, _ = box()
     thin = truth.copy()
     near = truth == NEAR

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Open water has no matches, whatever the prior makes of its noise."""
+"""Open water has no matches, although the prior favours a disparity there."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from uw_visibility.stereo.elas import Matcher
 def test_a_floor_is_matched_and_the_noise_of_the_water_above_it_is_not(
     texture, contrast_of, fall, codes
 ):
-    """Noise is independent, up to a small camera's; the veil falls by so many codes a row."""
+    """Noise is independent, up to that of a small camera; the veil falls by some codes per row."""
     rng = np.random.default_rng(0)
     floor = texture((100, 240)).astype(float) * 0.2
     views = []
@@ -31,7 +31,7 @@ def test_a_floor_is_matched_and_the_noise_of_the_water_above_it_is_not(
 
 
 def test_a_blank_patch_on_a_surface_keeps_the_surface(texture, contrast_of):
-    """Flat within, but texture all around says where it is."""
+    """The patch has no texture, but is surrounded by it."""
     wide = texture((160, 260))
     wide[60:84, 120:144] = 200
     left, right = wide[:, :240].copy(), wide[:, 12:252].copy()

@@ -23,7 +23,7 @@ def match(pair, contrast_of, disparities=(0, 40), threads=1):
 
 
 def step_pair(texture, near=20, far=8):
-    """A square before a wall, with true occlusions."""
+    """A square in front of a wall, with correct occlusions."""
     wall = texture((120, 240), 1)
     square = texture((60, 80), 2)
     left, right = wall[:, :200].copy(), wall[:, far : 200 + far].copy()
@@ -35,7 +35,7 @@ def step_pair(texture, near=20, far=8):
 
 
 def test_disparities_are_not_drawn_to_whole_pixels(contrast_of):
-    """Over a reef that has all of them, the error does not follow the fraction of a pixel."""
+    """On a reef with all disparities, the error does not depend on the fraction of a pixel."""
     frame = ReefView(StereoCamera(320, 240, 400.0, 0.12), water=Water(0.0, 3.0)).frame()
     pair = frame.left, frame.right
 
@@ -73,14 +73,14 @@ def test_no_disparity_leads_out_of_the_right_image(texture, contrast_of):
 
 
 def test_what_the_right_view_does_not_show_is_for_colour_only(texture, contrast_of):
-    """A gap that is narrow enough is bridged from the wall, which the box hides there."""
+    """A narrow gap is filled from the wall, which the box occludes there."""
     pair, truth = step_pair(texture, near=13, far=8)
     found = match(pair, contrast_of)
     matched = np.isfinite(found.disparity)
     np.testing.assert_array_equal(found.with_occlusions[matched], found.disparity[matched])
     more = np.isfinite(found.with_occlusions) & ~matched
     assert more[40:80, 66:69].mean() > 0.5
-    # Most of it is the wall's, and the rest the box's, grown over its edge.
+    # Most of it has the wall's disparity, the rest that of the box, grown over its edge.
     assert np.mean(np.abs(found.with_occlusions - truth)[more] < 1) > 0.6
     assert more[:, 80:].mean() < 0.01
 

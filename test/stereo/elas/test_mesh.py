@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""The mesh: a plane through its corners is a plane over the image."""
+"""The mesh: points on a plane yield that plane over the image."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -32,7 +32,7 @@ def test_a_plane_is_rendered_exactly_inside_of_the_hull(seed, count):
 
 
 def test_the_mesh_covers_the_hull_without_holes():
-    """Corners in: every pixel lies in some triangle, but for slivers at the very edge."""
+    """With corners every pixel is in a triangle, except slivers at the edge of the image."""
     points = with_corners(points_on_plane(3), SHAPE)
     disparity = np.empty(SHAPE, np.float32)
     rasterize(triangulate(points, SHAPE), disparity, Workers(1))
@@ -64,7 +64,7 @@ def test_too_few_points_make_no_triangles():
 
 
 def test_where_the_mesh_bridges_a_step_of_depth_is_marked():
-    """Between the columns of a wall and of a box before it, and nowhere on a slanted floor."""
+    """Between the columns of a wall and of a box in front of it, but not on a slanted floor."""
     y, x = (grid.ravel() for grid in np.mgrid[2:60:5, 2:80:5])
     for slope, step, expected in ((0.1, 0.0, 0), (0.1, 9.0, SHAPE[0] * 5)):
         d = 20 + slope * x + 0.4 * y + np.where(x >= 42, step, 0)

@@ -45,7 +45,7 @@ def test_small_segments_go_and_large_ones_stay():
 
 
 def test_a_winding_segment_is_one_segment():
-    """A spiral is joined late by the scan order."""
+    """The parts of a spiral are connected late in scan order."""
     disparity = np.full((30, 30), NAN)
     disparity[2:28, 3] = disparity[27, 3:25] = disparity[5:28, 24] = disparity[5, 8:25] = 7
     count = np.isfinite(disparity).sum()
@@ -82,14 +82,14 @@ def test_gaps_are_bridged_along_columns_too():
 
 
 def test_what_something_nearer_hides_from_the_right_view_goes():
-    """Left of a box as many pixels of the wall as the box stands out, and none else."""
+    """Left of a box as many pixels of the wall as the disparities differ by, and no others."""
     disparity = np.full((3, 60), 5, np.float32)
     disparity[:, 30:45] = 12
     disparity[1, 33:35] = NAN
     remove_occluded(disparity, Workers(1))
     hidden = np.zeros(disparity.shape, bool)
     hidden[:, 23:30] = hidden[:, :5] = True
-    # Through a hole in the box the right view may see the wall.
+    # The right view may see the wall through a hole in the box.
     hidden[1, 26:28] = False
     hidden[1, 33:35] = True
     np.testing.assert_array_equal(np.isnan(disparity), hidden)

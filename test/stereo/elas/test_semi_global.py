@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Semi-global search: paths and tones tell in noise what one descriptor does not."""
+"""Semi-global search: paths and tones find disparities in noise that single descriptors miss."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ NOISE = 15.0
 
 
 def normalizers(pair, noise=0.0, brighter=0.0):
-    """Return both views with noise of so many levels, and the right one so much brighter."""
+    """Return both views with noise, in levels, and the right one brighter by some levels."""
     views = []
     for side, pixels in enumerate(pair):
         view = ContrastNormalizer(pixels.shape)
@@ -34,7 +34,7 @@ def normalizers(pair, noise=0.0, brighter=0.0):
 def search(
     views, points, *, plane=np.nan, threads=1, descriptors=True, disparities=DISPARITIES,
 ):
-    """Return the disparities of both views, and those of the left one between whole pixels."""
+    """Return the disparities of both views, and the left ones at sub-pixel resolution."""
     shape, workers = views[0].grey.shape, Workers(threads)
     described = []
     for view in views:
@@ -83,7 +83,7 @@ def test_the_mesh_s_plane_tells_where_nothing_else_does():
 
 @pytest.mark.parametrize("brighter", [0.0, 25.0])
 def test_tones_tell_a_smooth_surface_whatever_the_exposure(brighter):
-    # No gradients are compared.
+    # Without gradients.
     row = 60 * np.cumsum(np.random.default_rng(2).standard_normal(200)) / 15
     row = np.uint8(np.clip(row - row.min(), 0, 255))
     pair = np.tile(row[:160], (96, 1)), np.tile(row[12:172], (96, 1))
@@ -140,7 +140,7 @@ def test_vectors_add_paths_as_the_equation_says():
 
 def test_left_of_the_right_view_nothing_is_matched(shifted_pair):
     best, refined = search(normalizers(shifted_pair(disparity=12)), points_at(12, 14))
-    # The least disparity that is tried is 9, and descriptors reach two pixels.
+    # The smallest disparity that is tried is 9, and descriptors extend two pixels.
     np.testing.assert_array_equal(best[0][:, :11], -1)
     assert np.isnan(refined[:, :11]).all()
     assert (best[0][:, 11:] >= 0).all()

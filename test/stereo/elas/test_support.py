@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Support points: found where they can be, and only there."""
+"""Support points are found where texture is unique, and only there."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_a_textured_plane_gives_its_disparity_nearly_everywhere(shifted_pair, co
 
 
 def test_a_half_pixel_is_seen(texture, contrast_of):
-    """The left view is the mean of two shifts: half way between them."""
+    """The left view is the mean of two shifts, so that its disparity is between them."""
     wide = texture((96, 400))
     smooth = wide.astype(float)
     smooth = (np.roll(smooth, 1, 1) + 2 * smooth + np.roll(smooth, -1, 1)) / 4
@@ -54,7 +54,7 @@ def test_nothing_is_found_between_unrelated_images(texture, contrast_of):
 
 
 def test_a_pattern_that_repeats_is_refused(texture, contrast_of):
-    """Two disparities fit equally well: neither may be taken, where both are in the image."""
+    """Two disparities fit equally well: neither is accepted where both are in the image."""
     tile = texture((96, 16))
     pattern = np.tile(tile, (1, 12))
     left, right = pattern[:, :160].copy(), pattern[:, 8:168].copy()
@@ -81,7 +81,7 @@ def test_parabola_finds_its_vertex():
 
 
 def test_an_earlier_match_decides_where_a_pattern_repeats(texture, contrast_of):
-    """Each tile is a little different, so that the best match is the true one, if not by far."""
+    """Tiles differ slightly, so that the best match is the true one, but only just."""
     pattern = np.tile(texture((96, 16)), (1, 12)).astype(float)
     pattern += 0.03 * texture(pattern.shape, 5)
     pattern = np.clip(pattern, 0, 255).astype(np.uint8)
@@ -102,7 +102,7 @@ def test_an_earlier_match_decides_where_a_pattern_repeats(texture, contrast_of):
     assert len(alone) < 0.2 * 16 * 12
     assert len(inside(8.3)) > 0.8 * 16 * 12
     np.testing.assert_allclose(inside(8.3)[:, 2], 8, atol=0.5)
-    # What is not the best match here is not made one by having been one elsewhere.
+    # An earlier match at another disparity does not make that the best match.
     np.testing.assert_allclose(inside(24.0), alone, atol=0.1)
 
 

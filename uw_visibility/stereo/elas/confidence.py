@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Confidence of matches: the probability that a disparity is within 1 px of the truth.
 
-A logistic regression on how much a match's descriptors differ over their texture, the level of
-noise, and what look-alikes were matched to. Where noise hides a surface's texture, the nearest
-strong edge is all that descriptors see, and what is beside it takes the disparity of the edge in
-both views: the left/right check passes, and pixels that the right view does not even show are
-matched. Their tone tells: of the pixels around that look like them, most are unmatched, matched
-farther away, or denied by the right view. So each pixel asks those around it, weighted by how much
-they look alike, as in a weighted mode filter (Min, Lu and Do, doi:10.1109/TIP.2011.2163164).
+A logistic regression on the difference of a match's descriptors over their texture, the level of
+noise, and the matches of look-alikes: neighbours of similar tone. Where noise hides a surface's
+texture, descriptors see only the nearest strong edge, and pixels beside it take its disparity in
+both views: the left/right check passes, even for pixels that the right view does not show. But most
+of their look-alikes are unmatched, matched farther away, or denied by the right view. So neighbours
+vote on each match, weighted by similarity, as in a weighted mode filter (Min, Lu and Do,
+doi:10.1109/TIP.2011.2163164).
 
 Fitted to four Middlebury scenes and rendered ones in water with 1 to 4 codes of noise, some
 through JPEG, at full size and at coarser scales; `lab/studies/stereo-noise.md` has its
-reliability on scenes that a fit left out, and without noise.
+reliability on scenes that were left out of the fit, and without noise.
 """
 
 from __future__ import annotations
@@ -35,28 +35,29 @@ from uw_visibility.stereo.elas.postprocess import (
     remove_occluded,
 )
 
-# Pixels that are asked: five by five of them, this far apart.
+# Distance of the voters, px, and their number to each side: five by five in all.
 _STRIDE, _STEPS = 6, 2
-# Difference of even contrast, 8-bit levels, at which a voter counts half: noise is in it.
+# Difference of tone at which a voter counts half, 8-bit levels of normalised contrast; the
+# difference includes noise.
 _ALIKE = 40.0
-# Voters whose disparity differs by more, px, are of another surface.
+# Largest difference of a voter's disparity on the same surface, px.
 _STEP = np.float32(1.5)
-# Added to the sum of weights: who looks like nobody learns little from the others.
+# Added to the sum of weights: without look-alikes the vote is near 0.
 _LEAST_WEIGHT = np.float32(0.05)
-# Doubtful pixels in a row that stand between sure ones, which are within so many px.
+# Width of doubtful gaps between sure pixels that are bridged, px, and the largest difference of
+# the sure ones, px; see `fill_small_gaps`.
 _BETWEEN_SURE, _ONE_SURFACE = 2, 1.0
-# Log odds of a wrong match: without anything against it; for difference over texture; for the
-# share of the look-alikes that were not matched to the same surface, and as much for that of
-# those that the right view denies; for a level of restored noise, and the most levels that count.
+# Log odds of a wrong match: constant; per difference over texture; per share of look-alikes that
+# are not matched to the same surface, and the same per share that the right view denies; per level
+# of restored noise, and the most levels that count.
 _BASE, _DIFFERENCE, _AGAINST = -4.091, np.float32(0.322), np.float32(4.255)
 _PER_LEVEL, _MOST_NOISE = 0.0537, 30.0
-# Difference over texture counts up to this. Added to the texture, so that noise on a blank wall is
-# no small difference.
+# Largest difference over texture that counts, and a constant added to the texture, which may be
+# near 0.
 _MOST_DIFFERENCE, _LEAST_TEXTURE = np.float32(2.0), np.float32(20.0)
-# The right view denies a match whose pixel it matches by more than so many px otherwise.
+# The right view denies a match if its own disparity there differs by more than this, px.
 _AGREES = np.float32(1.0)
-# Log odds that the table of confidence holds, and its entries for a unit of them: most matches are
-# much alike.
+# Limits of the log odds in the table of confidence, and its entries per unit.
 _LEAST_ODDS, _MOST_ODDS, _PER_UNIT = -8, 8, 256
 _ODDS = np.arange(_LEAST_ODDS, _MOST_ODDS + 0.5 / _PER_UNIT, 1 / _PER_UNIT)
 _CONFIDENCE = (1 / (1 + np.exp(_ODDS))).astype(np.float32)
@@ -72,7 +73,7 @@ def rate(
     """Confidence of each disparity of a matched pair.
 
     disparity: (H, W) float32, left-referenced, px; NaN where unmatched.
-    best_right: (H, W) int16, what the search found in the right view, px; -1 for nothing.
+    best_right: (H, W) int16, disparities found in the right view, px; -1 for none.
     descriptors: tuple of (H * W * 16,) uint8, of the left and of the right view.
     image: the left view that was described.
     Returns (H, W) float32, probability that the disparity is within 1 px of the truth; 0 where
@@ -93,11 +94,10 @@ def drop_doubtful(
 ) -> None:
     """Set matches of less than the least confidence to NaN, in place.
 
-    One or two doubtful pixels in a row between sure ones on one surface stay.
+    Small gaps that this makes between sure matches are bridged again; see `fill_small_gaps`.
     """
     unmatched = np.isnan(disparity)
     disparity[confidence < least] = np.nan
-    # Between two sure ones on one surface doubt is of the pixel, not of the surface.
     fill_small_gaps(disparity, _BETWEEN_SURE, _ONE_SURFACE, workers)
     disparity[unmatched] = np.nan
     remove_occluded(disparity, workers)
@@ -118,9 +118,9 @@ def _deny(start: int, stop: int, disparity: Any, best_right: Any, denied: Any) -
 
 @njit(nogil=True, error_model="numpy")
 def _compare_row(row: Any, there: Any, denied: Any) -> None:
-    """Compare a row; all at once, since that makes vector code."""
+    """Compare a row; in a function of its own, so that it becomes vector code."""
     for x in range(row.size):
-        # Where the right view tried nothing it denies nothing, and NaN is no match.
+        # Without a right disparity, -1, nothing is denied, nor where the left one is NaN.
         denied[x] = (abs(row[x] - np.float32(there[x])) > _AGREES) & (there[x] >= 0)
 
 
@@ -128,7 +128,7 @@ def _compare_row(row: Any, there: Any, denied: Any) -> None:
 def ask_look_alikes(
     start: int, stop: int, disparity: Any, denied: Any, grey: Any, gain: Any, against: Any
 ) -> None:
-    """Write the weighted share of the voters that speak against each match."""
+    """Write the weighted share of voters on other surfaces, plus that of denied ones, 0 to 2."""
     height, width = disparity.shape
     tone, scale = np.empty(width, np.float32), np.empty(width, np.float32)
     total = np.empty(width, np.float32)
@@ -158,16 +158,16 @@ def _ask(
     first: int, last: int, shift: int, row: Any, tone: Any, scale: Any, voters: Any,
     voter_denied: Any, voter_tone: Any, closeness: Any, total: Any, against: Any,
 ) -> None:
-    """Add one voter of each pixel of a row; apart from the rest, which makes vector code."""
+    """Add one voter of each pixel of a row; in a function of its own, for vector code."""
     zero, one = np.float32(0), np.float32(1)
     for x in range(first, last):
         at, other = np.uint64(x), np.uint64(x + shift)
         weight = closeness * alike((tone[at] - np.float32(voter_tone[other])) * scale[at])
-        # Also where the voter is unmatched.
-        says = zero if abs(voters[other] - row[at]) <= _STEP else one
-        says += one if voter_denied[other] else zero
+        # An unmatched voter, NaN, is against the match, too.
+        vote = zero if abs(voters[other] - row[at]) <= _STEP else one
+        vote += one if voter_denied[other] else zero
         total[at] += weight
-        against[at] += weight * says
+        against[at] += weight * vote
 
 
 @njit(nogil=True, error_model="numpy")
@@ -185,7 +185,7 @@ def _rate(
     start: int, stop: int, disparity: Any, left: Any, right: Any, base: Any, table: Any,
     confidence: Any,
 ) -> None:
-    """Make confidence of what the look-alikes say, which stands there."""
+    """Replace the look-alikes' votes in `confidence` by the confidence."""
     width = disparity.shape[1]
     blank = np.full(BYTES, MIDDLE, np.uint8)
     for y in range(start, stop):

@@ -1,9 +1,9 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Dense matching: the best disparity near the mesh's plane or a support point's.
+"""Dense matching: the best disparity near that of the mesh's plane or of support points.
 
 Section 2.2 of Geiger, Roser and Urtasun, "Efficient Large-Scale Stereo Matching",
-ACCV 2010, doi:10.1007/978-3-642-19315-6_3: maximum a posteriori over the likely disparities.
+ACCV 2010, doi:10.1007/978-3-642-19315-6_3: maximum a posteriori over candidate disparities.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.arrays import Points
 from uw_visibility.stereo.elas.descriptors import BYTES, absolute_difference
 
-# Descriptors reach two pixels to each side, and the border's repeats prove nothing.
+# Width of the border that is not matched, px: descriptors there contain repeated border pixels.
 BORDER = 2
-# Energy and disparity share one integer, energy above, so that the best of both
-# is one minimum without a branch; of equal energies the smaller disparity stays.
+# A key holds energy in its high bits and disparity in its low ones, so that the best disparity is
+# found by a minimum without branches; of equal energies the smaller disparity is kept.
 _DISPARITY_BITS = 11
 _DISPARITY_MASK = (1 << _DISPARITY_BITS) - 1
 _NOTHING = np.int32((1 << 30) - 1)
@@ -43,9 +43,9 @@ def plane_prior(config: StereoConfig) -> NDArray[np.int32]:
 class DenseSearch:
     """Dense search in two parts, in memory that is allocated once.
 
-    `try_candidates` needs no mesh, so that it can run while one is made; `try_plane`
-    comes after both. A pixel of the right view takes the best of the pairs that were
-    tried for the left view: its own search would try nearly the same ones again.
+    `try_candidates` needs no mesh, so that it can run while the mesh is built; `try_plane` follows
+    both. A pixel of the right view takes the best of the pairs that were tried for the left view,
+    since its own search would try nearly the same ones.
 
     best: (2, H, W) int16, disparity at the pixels of the left and of the right view, px; -1 where
         nothing was tried.
@@ -86,11 +86,11 @@ class DenseSearch:
         steep: NDArray[np.bool_],
         refined: NDArray[np.float32],
     ) -> None:
-        """Try the disparities about the mesh's plane, and write the best of all to `best`.
+        """Try the disparities near the mesh's plane, and write the best of all to `best`.
 
-        `plane` is the mesh's disparity (H, W) in the left view, NaN outside. Where `steep`, the
-        mesh bridges a step of depth: its disparities are tried there, but no likelier than
-        others. `refined` (H, W) gets the left view's disparities at sub-pixel resolution, px.
+        `plane` is the mesh's disparity (H, W) in the left view, NaN outside. Where the mesh bridges
+        a depth step, `steep`, its disparities are tried without the prior. `refined` (H, W) gets
+        the left view's disparities at sub-pixel resolution, px.
         """
         self._workers.rows(
             _try_planes, plane.shape[0], *descriptors, plane, steep, *self._disparities,
@@ -138,7 +138,7 @@ def _try_planes(
             at = y * width * BYTES
             for x in range(width):
                 mean = plane[y, x]
-                # Unknown is far below every disparity.
+                # NaN becomes a value far below every disparity.
                 middle[x] = index_of(mean + np.float32(0.5), -1 << 20, 1 << 20)
                 surface[x] = np.int32(0) if steep[y, x] else np.int32(1)
             for offset in range(-radius, radius + 1):
@@ -184,9 +184,9 @@ def _refine(
 def meeting_of_lines(before: Any, at: Any, after: Any) -> float:
     """Offset of the minimum between three equidistant costs, within 0.5.
 
-    It is where two lines of opposite slope through them meet: sums of absolute
-    differences fall and rise linearly, so that a parabola draws disparities to whole
-    pixels (Shimizu and Okutomi, ICCV 2001, doi:10.1109/ICCV.2001.937503).
+    It is the intersection of two lines of opposite slope through them: sums of absolute differences
+    fall and rise linearly, so that a parabola would bias disparities towards whole pixels (Shimizu
+    and Okutomi, ICCV 2001, doi:10.1109/ICCV.2001.937503).
     """
     slope = max(before, after) - at
     if slope <= 0:
@@ -198,9 +198,9 @@ def meeting_of_lines(before: Any, at: Any, after: Any) -> float:
 def _compare(
     left: Any, right: Any, at: int, d: int, first: int, last: int, energy: Any
 ) -> None:
-    """Compare runs of pixels; apart from what follows, which becomes vector code so.
+    """Write the energies of a run of pixels; separate, so that `_offer` becomes vector code.
 
-    Rows come whole: for slices numba counts references, which takes as long as a short run.
+    It takes whole rows: counting the references of slices takes numba as long as a short run.
     """
     for x in range(first, last):
         i = at + x * BYTES
@@ -209,10 +209,9 @@ def _compare(
 
 @njit(nogil=True)
 def _offer(energy: Any, d: int, first: int, last: int, here: Any, there: Any) -> None:
-    """Offer one disparity to a run of pixels.
+    """Update the best keys of a run of pixels with one disparity, without the prior.
 
-    The prior is left out: where it is below zero, `_try_plane` offers the same
-    disparity with it.
+    Where the prior is below zero, `_try_plane` tries the same disparity with it.
     """
     for x in range(first, last):
         at, other = np.uint64(x), np.uint64(x - d)
@@ -226,7 +225,7 @@ def _try_plane(
     left: Any, right: Any, at: int, offset: int, low: int, high: int, middle: Any, surface: Any,
     prior: int, here: Any, there: Any,
 ) -> None:
-    """Offer each pixel of a row the disparity at one distance from its plane.
+    """Update the best keys of a row with the disparities at one distance from the plane.
 
     The prior counts where ``surface`` is 1, not where it is 0.
     """
@@ -244,11 +243,11 @@ def _try_plane(
 
 @njit(nogil=True)
 def _collect_candidates(points: Any, seen: Any, width: int, count: Any, runs: Any) -> None:
-    """Collect the disparities to try in each cell: its points', those beside, and the next cells'.
+    """Collect the disparities to try in each cell: of points in it and in adjacent cells, ±1 px.
 
-    Neighbouring cells share most of them, so that those of a row of cells are kept as runs
-    (rows, N, 3): a disparity, the first column and the one after the last, px. `count` tells how
-    many runs a row has.
+    Adjacent cells share most of them, so that those of a row of cells are stored as runs
+    (rows, N, 3): a disparity, the first column and the one after the last, px. `count` is the
+    number of runs of each row.
     """
     rows, disparities, columns = seen.shape
     seen[:] = False

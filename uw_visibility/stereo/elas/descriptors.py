@@ -1,11 +1,11 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Descriptors of 16 Sobel responses a pixel (Geiger, Roser and Urtasun, ACCV 2010).
+"""Descriptors of 16 Sobel responses per pixel (Geiger, Roser and Urtasun, ACCV 2010).
 
-Numba leaves LLVM's superword vectoriser off, so that a loop over a descriptor's 16 bytes compiles
-to 16 scalar steps. Their difference is emitted as generic vector IR instead, which LLVM lowers to
-what the machine has (PSADBW on x86-64, UABAL and ADDV on AArch64, scalars elsewhere): the sum
-is the same integer anywhere.
+Numba turns LLVM's superword vectoriser off, so that a loop over a descriptor's 16 bytes compiles to
+16 scalar steps. Their difference is emitted as generic vector IR instead, which LLVM lowers to the
+machine's instructions (PSADBW on x86-64, UABAL and ADDV on AArch64, scalar ones elsewhere): the sum
+is the same integer everywhere.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ def absolute_difference(typingctx: Any, a: Any, i: Any, b: Any, j: Any) -> Any:
 
 # Half the side of the window that a descriptor samples.
 MARGIN = 2
-# Sobel responses of even contrast are halved to fit a byte, and strong edges
-# clip: that matches more than keeping edges whole and rounding texture away.
+# Factor of the Sobel responses, to fit a byte. Strong edges clip: that yields more matches than a
+# smaller factor, which rounds texture away.
 SCALE = 0.5
 MIDDLE = 128
 
@@ -68,10 +68,10 @@ MIDDLE = 128
 class Descriptors:
     """Descriptor image of one view, in memory that is allocated once.
 
-    horizontal, vertical: (H + 4, W + 4) uint8, the responses, on a frame two pixels wider; 128
-        stands for a response of 0.
-    values: (H * W * 16,) uint8, the descriptor of pixel (u, v) from ``16 * (v * W + u)`` on, of
-        such responses.
+    horizontal, vertical: (H + 4, W + 4) uint8, Sobel responses with a border of two pixels; 128
+        is a response of 0.
+    values: (H * W * 16,) uint8, 16 such responses per pixel; the descriptor of pixel (u, v) begins
+        at ``16 * (v * W + u)``.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
@@ -84,8 +84,7 @@ class Descriptors:
     def compute(
         self, grey: NDArray[np.uint16], gain: NDArray[np.float32], workers: Workers
     ) -> None:
-        """Fill `values` from a grey image and the gain of its gradients; see `ContrastNormalizer`.
-        """
+        """Describe a grey image, given the gain of its gradients; see `ContrastNormalizer`."""
         height = grey.shape[0]
         workers.rows(_sobel, height + 2 * MARGIN, grey, gain, self.horizontal, self.vertical)
         workers.rows(_gather, height, self.horizontal, self.vertical, self.values)
@@ -101,7 +100,7 @@ def _byte(response: Any) -> np.uint8:
 def _sobel(
     start: int, stop: int, grey: Any, gain: Any, horizontal: Any, vertical: Any
 ) -> None:
-    """Sobel responses, on a frame widened by repeating the border."""
+    """Write Sobel responses; the border repeats those at the image's edge."""
     height, width = grey.shape
     for row in range(start, stop):
         y = min(max(row - MARGIN, 0), height - 1)
@@ -127,7 +126,7 @@ def _sobel(
 def _gather(start: int, stop: int, horizontal: Any, vertical: Any, values: Any) -> None:
     """Write eleven horizontal responses on a rhombus and five vertical ones on a cross.
 
-    Horizontal responses decide along an epipolar line, so they are the majority.
+    Horizontal responses discriminate along an epipolar line, so they are the majority.
     """
     width = horizontal.shape[1] - 2 * MARGIN
     for y in range(start, stop):

@@ -1,10 +1,10 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Edge-aware filter of disparity: a vote of the neighbours that look alike.
+"""Edge-aware disparity filter: neighbours of similar tone vote.
 
-Descriptors reach over depth edges, so that the nearer surface grows by a few pixels.
-Near an edge each pixel is given to that of the two surfaces whose pixels resemble it
-more: a weighted mode filter (Min, Lu and Do, doi 10.1109/TIP.2011.2163164) of two modes.
+Descriptors overlap depth edges, so that the nearer surface grows by a few pixels. Near an edge each
+pixel is assigned to that of the two surfaces whose pixels are more similar to it: a weighted mode
+filter (Min, Lu and Do, doi 10.1109/TIP.2011.2163164) of two modes.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import DisparityMap
 from uw_visibility.stereo.contrast import ContrastNormalizer
 
-# Pixels that vote: five by five of them, this far apart.
+# Distance of the voters, px, and their number to each side: five by five in all.
 STRIDE = 3
 _STEPS = 2
 MARGIN = STRIDE * _STEPS
-# Range of disparities around a pixel from which there is an edge, px, and how much
-# a pixel has to change to be on the other side of it.
+# Least range of the disparities around a pixel at an edge, px, and least change of a disparity
+# that moves to the other side, px.
 _EDGE = np.float32(2.0)
 _CHANGE = np.float32(1.5)
-# Difference of even contrast, 8-bit levels, at which a vote counts half.
+# Difference of tone at which a vote counts half, 8-bit levels of normalised contrast.
 _ALIKE = 17.0
 
 
@@ -35,7 +35,7 @@ def move_edges(
 ) -> None:
     """Move the edges of a map ``(H, W)`` float32, px, to those of the image, in place.
 
-    NaN stays NaN; with `drop`, what would be moved is set to NaN, too.
+    NaN stays NaN; with `drop`, pixels on the wrong side of an edge are set to NaN instead.
     """
     workers.rows(
         _vote, disparity.shape[0], image.grey, image.gain, disparity.copy(), not drop, disparity)
@@ -43,9 +43,9 @@ def move_edges(
 
 @njit(nogil=True, error_model="numpy")
 def range_around(before: Any, y: int, low: Any, high: Any, far: Any, near: Any) -> None:
-    """Write the least and the largest of the voters' disparities around each pixel of a row.
+    """Write the least and the largest disparity of the voters around each pixel of a row.
 
-    ``low`` and ``high`` reach `MARGIN` columns beyond the row, where nothing is.
+    ``low`` and ``high`` extend `MARGIN` columns beyond the row, where they are inf and -inf.
     """
     height, width = before.shape
     inner = slice(MARGIN, MARGIN + width)
@@ -61,7 +61,7 @@ def range_around(before: Any, y: int, low: Any, high: Any, far: Any, near: Any) 
 
 @njit(nogil=True, error_model="numpy")
 def _least(a: Any, b: Any, c: Any, d: Any, e: Any, most: Any, out: Any) -> None:
-    """Write the least of five rows, but for NaN; all rows at once, since that makes vector code."""
+    """Write the least of five rows, without NaN; all rows in one loop, for vector code."""
     for x in range(out.size):
         m = a[x] if a[x] < most else most
         m = b[x] if b[x] < m else m
@@ -85,7 +85,7 @@ def _add_votes(
     first: int, last: int, shift: int, tone: Any, scale: Any, middle: Any, voter_tone: Any,
     voter: Any, closeness: Any, balance: Any
 ) -> None:
-    """Add one voter of each pixel to the balance: for the near side, or for the far one."""
+    """Add one voter of each pixel: the balance grows for the near side, falls for the far one."""
     zero = np.float32(0)
     for x in range(first, last):
         at, other = np.uint64(x), np.uint64(x + shift)
@@ -124,7 +124,7 @@ def _vote(
             voters = before[min(max(y + j * STRIDE, 0), height - 1)]
             voter_tones = tones[j + _STEPS]
             for i in range(-_STEPS, _STEPS + 1):
-                # To doubt a match every other voter is enough.
+                # Every other voter is enough to drop a match.
                 if not replace and (i + j) % 2 != 0:
                     continue
                 shift = i * STRIDE
@@ -166,7 +166,7 @@ def _as_float(source: Any, out: Any) -> None:
 def _compare_sides(
     near: Any, far: Any, middle: Any, balance: Any, row: Any, other_side: Any
 ) -> None:
-    """Mark the pixels of a row at edges that are not of the side that the votes give them to."""
+    """Mark the pixels of a row at edges that the votes assign to the other side."""
     for x in range(row.size):
         d = row[x]
         other = (balance[x] > 0) ^ (d > middle[x])
@@ -181,7 +181,7 @@ def _clear(unsure: Any, row: Any) -> None:
 
 @njit(nogil=True, error_model="numpy")
 def _span_of_edges(near: Any, far: Any) -> Any:
-    """Return the columns from the first edge of a row to behind the last; 0, 0 without any."""
+    """Return the column of a row's first edge and the one after its last; equal without any."""
     first = 0
     while first < near.size and not near[first] - far[first] >= _EDGE:
         first += 1
@@ -195,7 +195,7 @@ def _span_of_edges(near: Any, far: Any) -> Any:
 def _mean_of_side(
     tones: Any, scale: Any, before: Any, y: int, x: int, middle: Any, near: bool
 ) -> Any:
-    """Mean disparity of the voters of one side, by their weight; there is one at least."""
+    """Weighted mean disparity of the voters of one side, of which there must be one."""
     height, width = before.shape
     total = weighted = np.float32(0)
     for j in range(-_STEPS, _STEPS + 1):

@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Noise test of matches: remove regions whose matches are no better than noise.
 
-In water without texture the descriptors hold noise alone, and the vertical gradient of the
-veil: along a row all of them are alike. The prior still makes both views agree on a disparity
-there, and an obstacle appears in open water. But two places of a row beyond each
-other's texture differ there no more than the two views do, while on a textured
-surface the views differ less. The sum of differences over the sum of textures, which are
-differences along the row, tells them apart over a neighbourhood. Flat patches of a surface
-pass by the texture around them.
+In water without texture the descriptors contain only noise and the vertical gradient of the veil,
+which is the same along a row. The prior still makes both views agree on a disparity there, so that
+a false obstacle appears in open water. But there the two views differ as much as two places of a
+row, while on a textured surface they differ less. The measure is the ratio of two sums over a
+neighbourhood: differences between the views, over differences along the row (texture). Flat patches
+of a surface pass because of the texture around them.
 """
 
 from __future__ import annotations
@@ -26,18 +25,18 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import Array, DisparityMap, Map
 from uw_visibility.stereo.elas.descriptors import BYTES, absolute_difference
 
-# Side of the cells that sums are taken over, px, and cells to a neighbourhood's side.
+# Side of the cells of the sums, px, and sides of the neighbourhoods, cells.
 CELL = 8
 _NEIGHBOURHOOD = 5
 _SIGNAL_NEIGHBOURHOOD = 3
-# Texture is what descriptors so many pixels apart along a row differ, of the left and of the
-# right view; no fine pattern repeats at both. A veil that is brighter above has none.
+# Texture is the difference of descriptors this far apart along a row, px, in the left and in the
+# right view; no fine pattern repeats at both distances. A vertical gradient of the veil has none.
 _APART = (7, 11)
-# Two independent descriptors differ √2 times as much as either does from a blank.
+# Two independent descriptors differ √2 times as much as either does from a blank one.
 _FROM_BLANK = np.float32(math.sqrt(0.5))
-# Texture over that of noise alone, which is known to a fifth or so.
+# Least texture over that of noise alone, which is known to a fifth or so.
 _SIGNAL = 1.5
-# Mean amount of a normal deviate of unit variance.
+# Mean absolute value of a standard normal deviate.
 MEAN_OF_NORMAL = math.sqrt(2.0 / math.pi)
 
 
@@ -45,19 +44,18 @@ def remove_noise(
     descriptors: tuple[NDArray[np.uint8], NDArray[np.uint8]], disparity: DisparityMap,
     noise: Array, most: float, workers: Workers,
 ) -> None:
-    """Set matches that noise explains to NaN, in place.
+    """Set matches that are no better than noise to NaN, in place.
 
-    `noise` is the standard deviation of the gradient responses that noise makes in each cell,
-    0 where it is not known. `most` is the largest sum of differences over sum of textures that a
-    match may have around it; about 1.1 is noise, a clear surface has 0.2 to 0.6.
+    `noise` is the standard deviation of gradient responses to noise in each cell, 0 where it is
+    unknown. `most` limits the sum of differences over the sum of textures around a match; noise
+    has about 1.1, a clear surface 0.2 to 0.6.
     """
     height, width = disparity.shape
     sums = np.zeros((3, -(-height // CELL), -(-width // CELL)), np.float32)
     workers.rows(_sum_up, sums.shape[1], *descriptors, disparity, *sums)
     difference, texture = (_around(each, _NEIGHBOURHOOD) for each in sums[:2])
     noisy = difference >= np.float32(most) * texture
-    # Smoothed noise matches by chance: where gradients are no stronger than its own,
-    # nothing but chance is matched.
+    # Smoothed noise matches by chance, so gradients must be stronger than those of noise.
     texture, count = (_around(each, _SIGNAL_NEIGHBOURHOOD) for each in sums[1:])
     noisy |= texture < (_SIGNAL * MEAN_OF_NORMAL * BYTES) * noise * count
     pixels = noisy.repeat(CELL, axis=0).repeat(CELL, axis=1)
@@ -65,7 +63,7 @@ def remove_noise(
 
 
 def _around(cells: Map, side: int) -> Map:
-    """Mean over the cells around each; beyond the border there is nothing."""
+    """Mean over the cells around each; cells beyond the border are 0."""
     return np.asarray(cv2.blur(cells, (side, side), borderType=cv2.BORDER_CONSTANT))
 
 
@@ -95,5 +93,5 @@ def _sum_up(
 
 @njit(nogil=True, inline="always")
 def _step(x: Any, width: int, apart: int) -> int:
-    """Bytes to the descriptor so many pixels to the right, or to the left at the border."""
+    """Bytes to the descriptor `apart` pixels to the right, or to the left at the border."""
     return BYTES * (apart if x + apart < width else -min(apart, x))

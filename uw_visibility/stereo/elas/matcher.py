@@ -24,35 +24,35 @@ from uw_visibility.stereo.elas.evidence import CELL, remove_noise
 from uw_visibility.stereo.elas.support import SupportGrid, SupportPoints
 
 NOISE_RADIUS = 2
-"""Neighbours to each side of a first mean in noise, px, which makes surfaces smooth and not
-what is matched by chance."""
+"""Neighbours to each side of a first mean in noise, px, which smooths surfaces but not matches by
+chance."""
 
-# Restored noise, in 8-bit levels of even contrast, from which on the settings are wholly
-# those of noisy images.
+# Restored noise, in 8-bit levels of normalised contrast, from which on the settings are fully those
+# of noisy images.
 _FULL_NOISE = 6.0
-# Neighbours to each side that the disparity map is averaged over besides: noise moves
-# disparities by a pixel or two, and neighbours on a surface tell where between.
+# Additional neighbours to each side in the last mean of the disparity map: noise moves disparities
+# by a pixel or two, which averages out on a surface.
 _MORE_RADIUS = 5
-# A hole is a mismatch rather than an occlusion, and may be wider by so many px.
+# Additional width of gaps that are bridged, px: in noise most are mismatches.
 _MORE_GAP = 15
-# After that mean the steps of a surface are so much smaller, and those of chance are not. Somewhat
-# smaller segments are enough then.
+# Factors on the steps within a segment, which the first mean reduces on surfaces, but not between
+# matches by chance, and on the size of a segment, which may be smaller then.
 _SEGMENT_DIFFERENCE, _SEGMENT_SIZE = 0.5, 0.5
-# Views that agree by chance mostly do so by two pixels.
+# Largest difference of the two views in noise, px: most matches by chance differ by two pixels.
 _TOLERANCE = 1
 CONFIDENCE_FOR_COLOUR = 0.4
-"""Least confidence of what colour and water are told of: matches that are less likely would tell
-of another water."""
+"""Least confidence of matches for colour and for the estimate of the water, which less certain ones
+would bias."""
 
-# Least confidence of what is published, where it is more likely right than wrong; less where
-# noise begins, so that nothing jumps.
+# Least confidence of published matches in noise, which are more likely right than wrong, and its
+# growth per level of restored noise, so that it begins gradually.
 _CONFIDENCE, _CONFIDENCE_RISE = 0.51, 0.14
 
 
 def settings_in_noise(config: StereoConfig, noise: float) -> StereoConfig:
     """Adapt the matcher's settings to noise; below `LEAST_NOISE` they are the configured ones.
 
-    `noise` is the restored noise of the median pixel, in 8-bit levels of even contrast; see
+    `noise` is the restored noise of the median pixel, in 8-bit levels of normalised contrast; see
     `uw_visibility.stereo.contrast`.
     """
     share = min(max((noise - LEAST_NOISE) / (_FULL_NOISE - LEAST_NOISE), 0.0), 1.0)
@@ -72,7 +72,7 @@ def settings_in_noise(config: StereoConfig, noise: float) -> StereoConfig:
 
 
 def least_confidence(noise: float) -> float:
-    """Least confidence of a match that is worth publishing; 0 below `LEAST_NOISE`."""
+    """Least confidence of published matches; 0 up to a noise of `LEAST_NOISE`."""
     if noise <= LEAST_NOISE:
         return 0.0
     return min(_CONFIDENCE_RISE * noise, _CONFIDENCE)
@@ -87,14 +87,14 @@ class DenseMatch:
     disparity : (H, W) float32 ndarray
         Left-referenced, px; NaN where unmatched.
     confidence : (H, W) float32 ndarray or None
-        Probability that `disparity` is within 1 px of the truth; 0 where unmatched; None where
-        not asked for.
+        Probability that `disparity` is within 1 px of the truth; 0 where unmatched; None if it
+        was not computed.
     with_occlusions : (H, W) float32 ndarray
-        `disparity` and that of what something nearer hides from the right view, which is taken
-        from its surroundings: no match, but good for colour.
+        Disparity for colour: also of pixels that the right view does not show, filled from their
+        surroundings, and of doubtful matches in noise.
     stddev : float or None
-        Standard deviation of `disparity` where it is matched, px of the matched images, where
-        the frame tells it.
+        Standard deviation of matched disparities, px of the matched images; None if it was not
+        measured.
     """
 
     disparity: DisparityMap
@@ -142,7 +142,7 @@ class Matcher:
         self._images: dict[int, ContrastNormalizer] = {}
 
     def describe(self, left: ContrastNormalizer, right: ContrastNormalizer) -> None:
-        """Compute the descriptors of a pair, which is not changed until it is matched."""
+        """Compute the descriptors of a pair, which must not change until it is matched."""
         self._workers.together(
             lambda: self.describe_view(0, left), lambda: self.describe_view(1, right)
         )
@@ -155,7 +155,7 @@ class Matcher:
     def describe_raw(
         self, contrast: tuple[ContrastNormalizer, ContrastNormalizer], left: View, right: View
     ) -> None:
-        """Compute the descriptors of a pair as it is, its contrast stretched.
+        """Compute the descriptors of a raw pair with its contrast stretched.
 
         `contrast`, of the left and of the right view, is overwritten, and used until the pair is
         matched.
@@ -169,12 +169,12 @@ class Matcher:
 
     def support_points(self, earlier: NDArray[np.float32] | None = None) -> SupportPoints:
         """Find the support points of the described pair; see `SupportGrid.search`."""
-        # Of the descriptors' bytes at the points of the grid.
+        # Noise of the descriptors' bytes at the points of the grid.
         noise = SCALE * self._left.noise_gradient(self._config.support_step)
         return self._support.search(*self._descriptors, noise, earlier)
 
     def swapped_ratio(self) -> float:
-        """Matches of the described pair with its images exchanged, over those in order."""
+        """Matches of the described pair with its images swapped, over those in order."""
         return self._support.swapped_ratio(*self._descriptors)
 
     def coarse_disparity(self, support: SupportPoints) -> DisparityMap:
@@ -200,8 +200,8 @@ class Matcher:
         confidence : bool
             Whether to rate the matches.
         least_for_colour : float
-            Least confidence of what stays in `DenseMatch.with_occlusions`, where matches are
-            rated. What noise makes doubtful is no match, but still a guess for colour.
+            Least confidence of matches in `DenseMatch.with_occlusions`, if they are rated. Matches
+            that are doubtful in noise are not published, but are still used for colour.
         """
         disparity = np.full(self._shape, np.nan, np.float32)
         if len(support) == 0:
@@ -253,10 +253,10 @@ class Matcher:
         return self._left.noise > LEAST_NOISE
 
     def _remove_noise(self, disparity: DisparityMap) -> None:
-        """Set what noise explains, as in open water, to NaN."""
+        """Set matches that are no better than noise, as in open water, to NaN."""
         # Noise of the descriptors' bytes in each of the noise filter's cells.
         cells = SCALE * self._left.noise_gradient(CELL)
-        # A cell at the border may end before its middle: it is as the one before.
+        # A cell that ends before its middle, at the border, has the noise of the one before.
         rows, columns = (
             np.minimum(np.arange(-(-n // CELL)), m - 1)
             for n, m in zip(self._shape, cells.shape, strict=True))

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Delaunay mesh of the support points, and its plane at every pixel."""
+"""Delaunay mesh of the support points, and its disparity at every pixel."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import DisparityMap, Points
 
-# Widths and heights of the image around it in which the mesh is built.
+# Margin around the image in which the mesh is built, image widths and heights.
 _FRAME = 20
-# Slopes of disparity, along rows and along columns, from which a triangle spans a step of
-# depth rather than a surface. The disparity gradient limit of a surface that both views see
-# is 1 (Pollard, Mayhew and Frisby 1985, doi:10.1068/p140449); most that is as steep as a
-# fifth of that along a row is a step whose two sides are a few support points apart.
+# Slopes of disparity, along rows and along columns, above which a triangle spans a depth step
+# rather than a surface. The disparity gradient limit of a surface that both views see is 1
+# (Pollard, Mayhew and Frisby 1985, doi:10.1068/p140449); most triangles steeper than a fifth of it
+# along a row bridge a step whose two sides are a few support points apart.
 _STEEP_ROW, _STEEP_COLUMN = np.float32(0.2), np.float32(0.5)
-# Rounds of insertion, and the side of the squares that an insertion's curve visits, px.
+# Rounds of insertion, and the side of the cells of the space-filling curve, px.
 _ROUNDS = 8
 _NEAR = 4
 
@@ -39,15 +39,15 @@ def with_corners(points: Points, shape: tuple[int, int]) -> NDArray[np.float32]:
 
 
 def triangulate(points: Points, shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Delaunay triangulation of points (N, 3) at whole pixels, each once: u, v, disparity.
+    """Delaunay triangulation of distinct points (N, 3) at whole pixels: u, v, disparity.
 
-    Returns triangles ``(M, 3, 3)`` float32 of their corners; none for fewer than three points.
+    Returns the triangles' corners, ``(M, 3, 3)`` float32; none for fewer than three points.
     """
     height, width = shape
     if len(points) < 3:
         return np.empty((0, 3, 3), np.float32)
-    # The subdivision starts from one large triangle around this frame, and the
-    # larger it is, the less of the points' hull is lost to its corners.
+    # The subdivision starts from one large triangle around this frame. The larger it is, the fewer
+    # triangles at the points' convex hull are lost.
     subdivision = cv2.Subdiv2D((-_FRAME * width, -_FRAME * height,
                                 (2 * _FRAME + 1) * width, (2 * _FRAME + 1) * height))
     subdivision.insert(points[_insertion_order(points), :2])
@@ -56,7 +56,7 @@ def triangulate(points: Points, shape: tuple[int, int]) -> NDArray[np.float32]:
         (corners >= 0) & (corners <= np.array([width - 1, height - 1], np.float32)), axis=(1, 2)
     )
     corners = corners[inside]
-    # The subdivision returns corners by position: look their points up by pixel.
+    # The subdivision returns positions of corners: their points are looked up by pixel.
     index = np.full((height, width), -1, np.int32)
     whole = points[:, :2].astype(np.int32)
     index[whole[:, 1], whole[:, 0]] = np.arange(len(points), dtype=np.int32)
@@ -65,11 +65,11 @@ def triangulate(points: Points, shape: tuple[int, int]) -> NDArray[np.float32]:
 
 
 def _insertion_order(points: Points) -> NDArray[np.intp]:
-    """Order in which the subdivision takes the fewest steps.
+    """Insertion order in which the subdivision takes few steps.
 
     A biased randomised insertion order (Amenta, Choi and Rote, SoCG 2003,
-    doi:10.1145/777792.777824): rounds of about twice as many points each, and within a
-    round along a curve that keeps neighbours together. The draw is a hash of the place.
+    doi:10.1145/777792.777824): each round has about twice as many points as the one before, in the
+    order of a space-filling curve. The round of a point is drawn by a hash of its position.
     """
     u, v = points[:, 0].astype(np.uint32), points[:, 1].astype(np.uint32)
     draw = (u * np.uint32(0x9E3779B1) ^ v * np.uint32(0x85EBCA77)) * np.uint32(0xC2B2AE3D)
@@ -95,7 +95,7 @@ def rasterize(
 ) -> None:
     """Write the disparity of the mesh at every pixel that it covers, and NaN elsewhere.
 
-    `steep` (H, W) tells where the mesh bridges a step of depth.
+    `steep` (H, W) is set where the mesh bridges a depth step.
     """
     marks = np.empty((0, 0), np.bool_) if steep is None else steep
     workers.rows(_rasterize, disparity.shape[0], triangles, disparity, marks)

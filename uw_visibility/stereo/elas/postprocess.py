@@ -15,24 +15,24 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import DisparityMap
 
-# Sides of a gap that differ by no more, px, are of one surface, and the gap between them may
-# be so many times as wide as another that is bridged.
+# Largest difference of a gap's sides on one surface, px, and the factor on the width of gaps that
+# are bridged there.
 _ONE_SURFACE = np.float32(1.0)
 _WIDER = 3
-# Steps of a pixel in which OpenCV compares disparities, and what is none.
+# Steps per pixel in which OpenCV compares disparities, and its value for unmatched pixels.
 _STEPS, _OPEN = 16, -1
-# What is nearer by more than this, px, hides what falls on the same pixel of the right view;
-# pixels of a slanted surface share one too.
+# Pixels that are nearer by more than this, px, hide others that fall on the same pixel of the right
+# view. Pixels of a slanted surface also fall on one pixel, but differ by less.
 _HIDES = np.float32(1.5)
 
 
 def check(
     best: NDArray[np.int16], tolerance: int, disparity: DisparityMap, workers: Workers
 ) -> None:
-    """Left/right check of the disparities found, `best` (2, H, W): NaN where the views differ.
+    """Left/right check of the best disparities of both views, `best` (2, H, W), px.
 
-    `disparity` (H, W) of the left view, at sub-pixel resolution, is changed in place. The views may
-    differ by `tolerance`, px.
+    `disparity` (H, W) of the left view, at sub-pixel resolution, is set to NaN where the views
+    differ by more than `tolerance`, px, in place.
     """
     workers.rows(_check, disparity.shape[0], best[0], best[1], tolerance, disparity)
 
@@ -40,8 +40,8 @@ def check(
 def remove_segments(disparity: DisparityMap, size: int, difference: float) -> None:
     """Set segments of fewer than `size` pixels to NaN, in place.
 
-    A segment is a set of pixels that are joined by neighbours (above, below,
-    left or right) whose disparities differ by at most `difference`, px.
+    A segment is a set of pixels connected by neighbours (above, below, left or right) whose
+    disparities differ by at most `difference`, px.
     """
     steps = np.rint(disparity * _STEPS)
     fixed = np.where(np.isfinite(steps), steps, _OPEN).astype(np.int16)
@@ -54,9 +54,9 @@ def fill_small_gaps(
 ) -> None:
     """Bridge gaps of at most ``width`` pixels within rows, then within columns, in place.
 
-    Where the two sides differ by at most ``difference`` px the gap is
-    interpolated; at a depth edge it takes the farther side, as an occlusion
-    would. Gaps whose sides are nearly of one disparity may be `_WIDER` times as wide.
+    Where the two sides differ by at most ``difference`` px the gap is interpolated; at a depth edge
+    it takes the farther side, like an occlusion. Gaps whose sides differ by at most `_ONE_SURFACE`
+    may be `_WIDER` times as wide.
     """
     workers.rows(_fill_row_gaps, disparity.shape[0], disparity, width, np.float32(difference))
     transposed = disparity.T
@@ -64,11 +64,11 @@ def fill_small_gaps(
 
 
 def remove_occluded(disparity: DisparityMap, workers: Workers) -> None:
-    """Z-buffer test: set what something nearer hides from the right view to NaN, in place.
+    """Z-buffer test: set pixels that the right view does not show to NaN, in place.
 
-    Gaps at the farther side of a depth edge are filled from there, and edges move over
-    what was matched: so the test is made on the finished map. All that fall on one pixel of the
-    right view are of one surface, but for those that the nearest of them hides.
+    They are outside of it, or farther by more than `_HIDES` than another that falls on the same
+    pixel of it. The test is made on the finished map, since gaps beside depth edges are filled, and
+    edges moved, over occluded pixels.
     """
     workers.rows(_remove_occluded, disparity.shape[0], disparity)
 
@@ -110,7 +110,7 @@ def _fill_row_gaps(start: int, stop: int, disparity: Any, widest: int, differenc
 @njit(nogil=True, error_model="numpy")
 def _remove_occluded(start: int, stop: int, disparity: Any) -> None:
     width = disparity.shape[1]
-    # Of each column, after one for all that lies beyond the border.
+    # Largest disparity at each column of the right view, after an entry for all outside of it.
     nearest = np.empty(width + 1, np.float32)
     over = np.empty(width, np.float32)
     column = np.empty(width, np.int32)
@@ -161,9 +161,9 @@ def _add_both(
     first: int, last: int, shift: int, here: Any, before: Any, after: Any, difference: Any,
     weights: Any, sums: Any,
 ) -> None:
-    """Add the neighbours on both sides of each pixel of a row; what is NaN adds nothing."""
+    """Add the neighbours on both sides of each pixel of a row; NaN adds nothing."""
     for x in range(first, last):
-        # Unsigned, since numba looks whether other indices are below zero.
+        # Unsigned, since numba checks whether signed indices are negative.
         at = np.uint64(x)
         d = here[at]
         step = before[np.uint64(x - shift)] - d
@@ -194,7 +194,7 @@ def _smooth(
         weights[:] = 0
         sums[:] = 0
         row = source[y]
-        # At the image's border neighbours of one side would draw a slope's mean to it.
+        # As far to both sides: at the image's border one side alone would bias the mean of a slope.
         reach = min(radius, (width - 1) // 2) if across else min(radius, y, height - 1 - y)
         for k in range(1, reach + 1):
             if across:

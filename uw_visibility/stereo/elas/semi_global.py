@@ -1,12 +1,12 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Dense matching in noise: semi-global along rows and from above, near the mesh's plane.
+"""Dense matching in noise: semi-global, along three paths, with the mesh's plane as a prior.
 
-Where noise hides texture one descriptor tells little, and a path of them more: semi-global
-matching (Hirschmüller 2008, doi:10.1109/TPAMI.2007.1166) by three paths, which need no memory
-but that of a few rows. A cost is the difference of the descriptors, that of the tones, which
-gradients do not hold, and the prior of the mesh's plane as in `dense`. It has 8 bits, of which a
-vector of the processor holds many, and neighbours share what their descriptors have in common.
+Where noise hides texture, single descriptors are ambiguous, and costs are summed along paths:
+semi-global matching (Hirschmüller 2008, doi:10.1109/TPAMI.2007.1166) to the right, to the left and
+downwards, which needs memory for a few rows only. A cost is the difference of the descriptors, plus
+that of the tones, which gradients do not contain, plus the prior of `dense`, weakened. Costs have 8
+bits, so that a vector register holds many, and sums that neighbouring descriptors share are reused.
 """
 
 from __future__ import annotations
@@ -26,46 +26,48 @@ from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas.dense import BORDER, meeting_of_lines, plane_prior
 from uw_visibility.stereo.elas.descriptors import MARGIN, Descriptors
 
-# Rows that one thread takes from top to bottom, and rows above them that its path from above
-# begins at: they are the same for any number of threads.
+# Rows of a strip, which one thread matches, and number of rows above it at which its downward path
+# begins. Strips do not depend on the number of threads, so that disparities do not either.
 _STRIP, _BEFORE = 80, 8
-# Rows that a descriptor reaches over.
+# Rows of a descriptor's window.
 _ROWS = 2 * MARGIN + 1
-# Costs have 8 bits, so that a vector holds many. Responses differ in units of as many of their
-# levels, by so many units at most: an edge that one view alone shows is no more than that.
+# Unit of a difference of responses, in levels of the responses, and the largest difference, in
+# units, which limits the cost of an edge that only one view shows.
 _RESPONSE_UNIT, _MOST_RESPONSE = 4, np.uint8(15)
-# A unit of cost is so much of the descriptors' difference, 16 responses.
+# Unit of cost, in levels of the difference of descriptors (16 responses).
 _UNIT = 16
 _RESPONSES = np.uint16(_UNIT // _RESPONSE_UNIT)
-# Most that the costs of a path may be: the sum of three has 8 bits, with two for the prior's
-# rounding, and what is not seen in both views a larger one.
+# Largest cost of a path: the sum of three, plus up to 2 for the prior's rounding, is below 255, the
+# sum that stands for disparities outside of the right view.
 _MOST_PATH = 252 // 3
 _UNSEEN = np.uint8(255)
-# Cost of a level of even contrast that the tones differ, for each level of restored noise, and
-# the most of it: where noise is low gradients tell more, and cameras differ. What a difference
-# costs at most, in units of the responses.
+# Cost of a difference of tone by one level of normalised contrast: per level of restored noise, and
+# the largest. In low noise gradients are more reliable, since the tones of two cameras differ.
+# Largest cost of a difference of tone, in units of the responses.
 _TONE_PER_LEVEL, _MOST_PER_LEVEL = 0.5, 3.0
 _MOST_TONE = np.uint16(300 // _RESPONSE_UNIT)
-# Part of the prior of dense matching: neighbours on a path tell too. What it is at most, in units:
-# it leaves most of the costs to what is seen.
+# Factor on the prior of `dense`, lower since paths also use the neighbours, and the largest prior,
+# in units of cost, so that most of a cost comes from the images.
 _PRIOR = 0.35
 _MOST_PRIOR = 20
-# Disparities that are tried beyond those of the support points.
+# Disparities that are tried beyond the range of the support points, px.
 _BEYOND = 3
-# Of disparity zero nothing is tried on the other side. It is not infinitely far, px.
+# Least refined disparity, px: disparity 0 has no lower neighbour for the refinement, but it is not
+# infinitely far.
 _LEAST = 0.06
-# Bits that are kept of the sum, to which the costs of a path are added.
+# Masks on the sum of the paths: the first path overwrites it, further paths are added.
 _FIRST, _ADDED = np.uint8(0), np.uint8(255)
-# Costs of as many disparities are one vector.
+# Disparities whose costs are in one vector.
 _VECTOR = 32
-# More than any cost of a path, and no more than 8 bits with the penalty of a step.
+# Cost outside of the disparities: larger than any of a path, and within 8 bits with a step added.
 _BARRED = np.uint8(200)
-# Penalties of a step of one pixel and of a larger one: without noise, for each level of restored
-# noise, and the noise beyond which they are as they are.
+# Penalties of a disparity step of one pixel (P1) and of a larger one (P2): without noise, and per
+# level of restored noise; the most levels that count.
 _STEP, _STEP_PER_LEVEL = 40.0, 7.5
 _JUMP, _JUMP_PER_LEVEL = 90.0, 12.0
 _MOST_NOISE = 28.0
-# Keys of sums and disparities, of all and of a part of so many.
+# Keys, which hold a sum and a disparity: of 32 bits for all disparities, of 16 bits for a part of
+# `_PART` disparities.
 _BITS = 11
 _MASK = (1 << _BITS) - 1
 _NOTHING = np.int32((1 << 30) - 1)
@@ -78,14 +80,15 @@ def search(
     plane: NDArray[np.float32], steep: NDArray[np.bool_], best: NDArray[np.int16],
     refined: NDArray[np.float32], workers: Workers,
 ) -> None:
-    """Write the best disparities of both views, `best` (2, H, W), as `DenseSearch.best`.
+    """Write the best disparities of both views to `best` (2, H, W); see `DenseSearch.best`.
 
-    Disparities are tried that lie among those of the support points `points` of the rows
-    around, within the limits `disparities`, px. `refined` (H, W) gets the left view's disparities
-    at sub-pixel resolution, px.
+    The search covers the disparities of the support points `points` in the rows around, within the
+    limits `disparities`, px. `refined` (H, W) gets the left view's disparities at sub-pixel
+    resolution, px.
     """
     prior = np.minimum(-_PRIOR / _UNIT * plane_prior(config), _MOST_PRIOR)
-    # Rounded in the sum of the three paths: what each has too much is taken from the sum.
+    # The prior is rounded in the sum of three paths: each path has it rounded up, and what is too
+    # much is taken back in the sum.
     in_sum = np.round(3 * prior).astype(np.int16)
     reward = -(-in_sum // 3)
     level = min(left.noise, _MOST_NOISE)
@@ -93,15 +96,15 @@ def search(
     of_left, of_right = descriptors
     workers.rows(
         _search_strips, len(ranges), of_left.horizontal, of_left.vertical, of_right.horizontal,
-        of_right.vertical, left.grey, right.grey, left.gain, _brighter(left, right, points),
+        of_right.vertical, left.grey, right.grey, left.gain, _tone_offset(left, right, points),
         np.float32(min(_TONE_PER_LEVEL * left.noise, _MOST_PER_LEVEL)), plane, steep, -reward,
         3 * reward - in_sum, ranges, np.uint8(round((_STEP + _STEP_PER_LEVEL * level) / _UNIT)),
         np.uint8(round((_JUMP + _JUMP_PER_LEVEL * level) / _UNIT)), *best, refined,
     )
 
 
-def _brighter(left: ContrastNormalizer, right: ContrastNormalizer, points: Points) -> np.float32:
-    """How much brighter the left view is at the support points ``(N, 3)``."""
+def _tone_offset(left: ContrastNormalizer, right: ContrastNormalizer, points: Points) -> np.float32:
+    """Median of left minus right tone at the support points ``(N, 3)``; 0 without any."""
     x, y, d = np.rint(points).astype(np.int64).T
     there = np.maximum(x - d, 0)
     difference = left.grey[y, x].astype(np.float32) - right.grey[y, there]
@@ -131,7 +134,7 @@ def _search_strips(
     height, width = plane.shape
     wide = width + 2 * MARGIN
     least = np.empty(width, np.uint8)
-    # Costs begin at what the plane may take from them, and leave room for a jump.
+    # The least cost is the largest reward by the plane; the largest leaves room for a jump.
     fewest = np.uint8(-in_path[0])
     most = np.uint16(_MOST_PATH - jump - fewest)
     outside = np.uint8(most + fewest)
@@ -140,24 +143,24 @@ def _search_strips(
         low = ranges[strip, 0]
         tried = ranges[strip, 1] - low + 1
         count = _whole_vectors(tried)
-        # Differences of the responses in five rows, for each column its disparities.
+        # Differences of the responses in five rows, by column and disparity.
         across = np.empty((_ROWS, wide * count), np.uint8)
         down = np.empty((_ROWS, wide * count), np.uint8)
         inner, middle = np.empty(wide * count, np.uint8), np.empty(wide * count, np.uint8)
         cost = np.empty(width * count, np.uint8)
         total = np.empty(width * count, np.uint8)
-        # From right to left, so that a pixel's candidates are one after the other.
+        # The right view from right to left, so that a pixel's candidates are contiguous.
         mirrored = np.zeros(wide + low + count, np.uint8)
         tone = np.zeros(width + low + count, np.uint16)
-        # Costs of a path, with one before the first disparity and one after the last; of the path
-        # from above at each column, in the row above and in this one.
+        # Costs of a path at the pixel before and at this one, each with an entry before the first
+        # disparity and one after the last; the downward path has them for each column.
         to_right = np.full(2 * (count + 2), _BARRED, np.uint8)
         to_left = np.full(2 * (count + 2), _BARRED, np.uint8)
         above = np.full(2 * width * (count + 2), _BARRED, np.uint8)
         best = np.empty((2, width), np.int32)
         keys = np.empty(width + min(count, _PART), np.uint16)
         begin = max(first - _BEFORE, 0)
-        # Paths begin as they go on, from costs of zero.
+        # Paths begin with costs of zero.
         least[:] = 0
         for x in range(width):
             start_of_path = ((~begin & 1) * width + x) * (count + 2) + 1
@@ -179,7 +182,7 @@ def _search_strips(
                 brightness = np.float32(tone_right[y, x]) + offset
                 tone[width - 1 - x] = index_of(brightness, 0, 65535)
             for x in range(width):
-                # Of 65536 parts of a unit of the responses.
+                # In 1/65536 of a unit of the responses.
                 scale = index_of(
                     weight * gain[y, x] * np.float32(65536 / _RESPONSE_UNIT), 0, 65535)
                 at = x * count
@@ -206,7 +209,7 @@ def _search_strips(
 
 @njit(nogil=True, error_model="numpy", inline="always")
 def _whole_vectors(count: int) -> int:
-    """Round up to whole vectors: what is left over takes as long as all of them."""
+    """Round up to whole vectors: a scalar remainder would take as long as all of them."""
     return -(-count // _VECTOR) * _VECTOR
 
 
@@ -236,9 +239,9 @@ def _compare_responses(
 
 @njit(nogil=True, error_model="numpy")
 def _add_rows(across: Any, down: Any, y: int, inner: Any, middle: Any) -> None:
-    """Add the differences of a descriptor's three inner columns, and of its middle one.
+    """Sum differences down the second or fourth column of a descriptor, and down its third.
 
-    They are the responses that `descriptors` gathers: eleven across, five down.
+    The responses are those that `descriptors` gathers: eleven horizontal, five vertical.
     """
     first, second, third, fourth, fifth = (
         y % _ROWS, (y + 1) % _ROWS, (y + 2) % _ROWS, (y + 3) % _ROWS, (y + 4) % _ROWS)
@@ -270,9 +273,9 @@ def _add_tones(
     here: Any, there: Any, first: int, count: int, scale: Any, most: Any, least: Any, cost: Any,
     at: int,
 ) -> None:
-    """Make costs of the differences of the responses and those of the tones.
+    """Add differences of tone to those of the responses, and turn the sums into costs.
 
-    They begin at `least`, and are at most `most` more.
+    The costs are from `least` to `least + most`.
     """
     for part in range(0, count, _VECTOR):
         for k in range(part, part + _VECTOR):
@@ -303,10 +306,10 @@ def _extend(
     typingctx: Any, source: Any, start: Any, least: Any, cost: Any, at: Any, count: Any, step: Any,
     jump: Any, target: Any, to: Any, total: Any, keep: Any,
 ) -> Any:
-    """Extend a path by a pixel (equation 13); return the least of its costs.
+    """Extend a path by a pixel (Hirschmüller 2008, equation 13); return the least of its costs.
 
-    They are added to the total, of which the bits `keep` are kept. Arrays are 1-D uint8, and count
-    is whole vectors: numba looks anew at each pixel whether arrays overlap, which takes as long.
+    They are added to `total & keep`. Arrays are 1-D uint8, and `count` is whole vectors. In plain
+    numba, checks at each pixel whether arrays overlap would take as long as the rest.
     """
     byte, index = ir.IntType(8), ir.IntType(64)
     vector = ir.VectorType(byte, _VECTOR)
@@ -362,7 +365,7 @@ def _add_paths(
 ) -> None:
     """Add the costs of the paths along a row, to the right and to the left.
 
-    They take turns, so that the processor need not wait for either.
+    The two alternate, so that the processor need not wait for the result of either.
     """
     wide = count + 2
     for path in (right, left):
@@ -383,10 +386,10 @@ def _select(
     total: Any, count: int, low: int, tried: int, best: Any, keys: Any, best_left: Any,
     best_right: Any, refined: Any,
 ) -> None:
-    """Write the best of each pixel of a row of either view.
+    """Write the best disparity of each pixel of a row, for both views.
 
-    Sum and disparity share one integer, so that the best of both is one minimum; of equal sums the
-    smaller disparity stays.
+    A key holds sum and disparity, so that the best disparity is found by one minimum; of equal sums
+    the smaller disparity is kept.
     """
     width = best_left.size
     for x in range(width):
@@ -417,7 +420,7 @@ def _select(
 
 @njit(nogil=True, error_model="numpy")
 def _offer(total: Any, at: int, count: int, keys: Any, to: int) -> Any:
-    """Offer a pixel's disparities to those of the right view; return its own best."""
+    """Update the best keys of the right view with a pixel's; return the pixel's own best key."""
     best = _NO_KEY
     for first in range(0, count, _VECTOR):
         for k in range(first, first + _VECTOR):
@@ -431,7 +434,7 @@ def _offer(total: Any, at: int, count: int, keys: Any, to: int) -> Any:
 
 @njit(nogil=True, error_model="numpy", inline="always")
 def _whole_key(key: Any, first: int) -> Any:
-    """Key among all disparities of one among those from `first` on."""
+    """Key of 32 bits from one of 16 bits, whose disparities count from `first`."""
     if key >> 8 == _UNSEEN:
         return _NOTHING
     return np.int32(((key >> 8) << _BITS) + (key & 255) + first)

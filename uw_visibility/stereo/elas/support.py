@@ -23,27 +23,27 @@ from uw_visibility.stereo.elas.descriptors import BYTES, MIDDLE, absolute_differ
 from uw_visibility.stereo.elas.evidence import MEAN_OF_NORMAL
 
 FEWEST_SUPPORT_POINTS = 10
-"""Fewer of them make no mesh worth a plane."""
+"""Least number of support points for a useful mesh."""
 
-# A support point is compared at the four corners of a square of this half side,
-# so that its window reaches 9 x 9 pixels.
+# Half side of the square at whose four corners a support point is compared, px: with the
+# descriptors' own, the window is 9 x 9 pixels.
 REACH = 2
-# Neighbours of the best disparity are the same minimum of the cost.
+# Distance from the best disparity that belongs to the same minimum of the cost, px.
 SAME_MINIMUM = 1
 _HUGE = np.int32(1 << 30)
-# Every this many rows of the grid tell the order of the images.
+# Every eighth row of the grid is searched to find swapped images.
 _ORDER_STRIDE = 8
-# Part of the grid below which its points are few.
+# Least part of the grid points that match, for that search in some rows only.
 _FEW = 0.1
-# Deviation of a support disparity: this over the curvature of its cost, px.
+# Standard deviation of a support disparity, px, times the curvature of its cost.
 _COST_NOISE = np.float32(60.0)
-# Least texture over that of noise alone: less is hardly ever the scene's.
+# Least texture over that of noise alone: less is hardly ever from the scene.
 _SIGNAL = 0.75
-# A disparity this near to that of an earlier match is the same one, px.
+# Largest difference from the disparity of an earlier match that confirms a match, px.
 _SAME_MATCH = np.float32(1.0)
-# Where there is an earlier match the search reaches this far around it, px.
+# Reach of the search to each side of an earlier match's disparity, px.
 _AROUND = 16
-# Stands for earlier matches where there are none.
+# Stands for earlier matches if there are none.
 _NOWHERE = np.empty((0, 0), np.float32)
 
 
@@ -53,8 +53,8 @@ class SupportPoints:
 
     # (N, 3) float32, column u, row v in the left image and disparity, px, row by row
     points: Points
-    # (N,) bool, points that the mesh needs. Within flat regions a lattice of them is enough, and
-    # the triangulation costs a fraction.
+    # (N,) bool, points that the mesh needs: within flat regions a lattice of them is enough, and
+    # triangulation is much faster.
     vertices: NDArray[np.bool_]
 
     def __len__(self) -> int:
@@ -84,11 +84,10 @@ class SupportGrid:
         self._texture = np.full((rows, columns), config.support_texture, np.int32)
 
     def swapped_ratio(self, left: Image8, right: Image8) -> float:
-        """Matches of the pair of the last `search` with its images exchanged, over those in order.
+        """Matches of the last `search`'s pair with its images swapped, over those in order.
 
-        Ten are added to both, so that a few chance matches say nothing. Only every eighth row
-        of the grid is searched, but all where few points match, since a sample of those says
-        little.
+        Ten are added to both, so that a few chance matches do not count. Only every eighth row of
+        the grid is searched, unless few points match, which takes all rows.
         """
         few = np.count_nonzero(self._found >= 0) < _FEW * self._found.size
         stride = 1 if few else _ORDER_STRIDE
@@ -108,11 +107,11 @@ class SupportGrid:
         """Find the support points of a described pair.
 
         left, right: (H * W * 16,) uint8, descriptors of the two views.
-        noise: float64, standard deviation of the gradient responses that noise makes at each point
-            of the grid. Texture that is much less than noise alone would be is none.
+        noise: float64, standard deviation of gradient responses to noise at each point of the
+            grid. Points with much less texture than noise alone are not matched.
         earlier: (N, 3) float32, column, row and disparity, px, of matches in other images of the
-            scene. Beside one the search is limited to disparities around it, and where the best
-            match is the same, it needs no uniqueness of its own.
+            scene. Near one the search is limited to disparities around it, and a best match that
+            agrees with it need not be unique.
         """
         config, workers = self._config, self._workers
         rows, columns = self._found.shape
@@ -137,7 +136,7 @@ class SupportGrid:
         return SupportPoints(points, self._vertices[v, u])
 
     def _match(self, rows: int, stride: int, *arguments: Any) -> None:
-        """Match every so many rows of the grid; see the kernel for the arguments."""
+        """Match every `stride`-th row of the grid; see `_search` for the arguments."""
         config = self._config
         self._workers.rows(
             _search, rows, stride, *self._shape, config.support_step, *self._disparities,
@@ -147,7 +146,7 @@ class SupportGrid:
 
 @njit(nogil=True)
 def _spread(points: Any, step: int, agreed: Any) -> None:
-    """Write each point's disparity to its place on the grid and to those around it."""
+    """Write each point's disparity to its place on the grid and to empty ones around it."""
     rows, columns = agreed.shape
     agreed[:] = -_HUGE
     for i in range(points.shape[0]):
@@ -163,10 +162,10 @@ def _spread(points: Any, step: int, agreed: Any) -> None:
 def _scan(
     here: Any, there: Any, u: int, v: int, width: int, sign: int, low: int, high: int, cost: Any
 ) -> int:
-    """Write costs of pixel (u, v) against (u - sign * d, v) of the other view, d from low on.
+    """Write costs of pixel (u, v) against (u - sign * d, v) of the other view, d from low to high.
 
-    They are stored, not reduced on the fly: the store keeps LLVM from
-    moving half of the absolute difference out of the loop, which would break its vector form.
+    They are stored, not reduced on the fly: the store keeps LLVM from moving half of the absolute
+    difference out of the loop, which would prevent vector code.
     """
     a = ((v - REACH) * width + u - REACH) * BYTES
     b = a + 2 * REACH * BYTES
@@ -202,17 +201,17 @@ def _position(cost: Any, value: Any) -> int:
 
 @njit(nogil=True)
 def _is_unique(cost: Any, count: int, at: int, uniqueness: Any, floor: Any) -> bool:
-    """Uniqueness test: whether no rival comes near the cost of the best.
+    """Uniqueness test: whether the best cost is below `uniqueness` times that of any rival.
 
-    The best is taken as it is sampled, a rival as low as it could lie between
-    two pixels: on sharp edges a true match half a pixel off costs more than
-    another edge that happens to fall on a whole one, as on a checkerboard.
+    A rival's cost is that of its minimum between two pixels, the best cost is not interpolated: at
+    sharp edges, as on a checkerboard, a true match at half a pixel costs more than a wrong one that
+    happens to be at a whole pixel.
     """
     floor[0] = cost[0]
     floor[count - 1] = cost[count - 1]
     for k in range(1, count - 1):
         before, here, after = cost[k - 1], cost[k], cost[k + 1]
-        # The bottom of the V that a shifted edge makes around a minimum.
+        # Depth of the minimum between pixels, which a shifted edge makes V-shaped.
         depth = np.int32(abs(after - before) >> 1)
         floor[k] = here - (depth if here <= before and here <= after else np.int32(0))
     rival = min(_least(floor, 0, at - SAME_MINIMUM), _least(floor, at + SAME_MINIMUM + 1, count))
@@ -274,21 +273,21 @@ def _search(
             deviation[row, column] = _COST_NOISE / np.float32(max(before + after - 2 * here, 1))
 
 
-# The mesh keeps every eighth grid point at least, so that planes drift nowhere.
+# The mesh keeps at least every eighth grid point in each direction, so that planes do not drift.
 _LATTICE = 8
-# A neighbour on the grid is looked for this many steps away.
+# Largest distance of a neighbour on the grid, grid points.
 _NEIGHBOUR_STEPS = 2
-# Points that differ less than this from their neighbours add nothing to the mesh, px.
+# Largest difference from its neighbours of a point that the mesh does not need, px.
 _FLAT = np.float32(1.0)
-# Smoothing takes neighbours this many grid points away,
+# Reach of the smoothing to each side, grid points.
 _SMOOTHING_STEPS = 8
-# every second of them, which loses nothing that is measurable,
+# Stride of the smoothing, grid points: 1 is not measurably better.
 _SMOOTHING_STRIDE = 2
-# whose disparity differs by at most this, px,
+# Largest difference of disparity of neighbours on the same surface, px.
 _SAME_SURFACE = np.float32(3.0)
-# and trusts them less by this much for each grid point of distance, px.
+# Growth of a neighbour's standard deviation per grid point of distance, px.
 _ROUGHNESS = 0.2
-# Squared deviation of the best of matches, px^2, and weight against steep planes.
+# Least variance of a match, px^2, and weight of the penalty on a plane's slope (ridge regression).
 _LEAST_VARIANCE = 0.01
 _SLOPE_RIDGE = 0.5
 
@@ -297,7 +296,7 @@ _SLOPE_RIDGE = 0.5
 def keep_consistent(
     start: int, stop: int, found: Any, cells: int, disparity: Any, count: int, kept: Any
 ) -> None:
-    """Consistency filter: drop points that too few neighbours agree with."""
+    """Consistency filter: drop points with which too few neighbours agree."""
     rows, columns = found.shape
     agreeing = np.empty(columns, np.int32)
     for row in range(start, stop):
@@ -319,10 +318,10 @@ def keep_consistent(
 def _count_agreeing(
     first: int, last: int, shift: int, here: Any, there: Any, disparity: Any, agreeing: Any
 ) -> None:
-    """Count one neighbour of each point of a row; all at once, since that makes vector code.
+    """Count one neighbour of each point of a row; in a function of its own, for vector code.
 
-    Rows come whole, and places as unsigned numbers: for slices numba counts references, which
-    takes as long as the count, and places below zero would be looked at.
+    It takes whole rows, since counting the references of slices takes numba as long as the loop;
+    indices are unsigned, since numba checks whether signed ones are negative.
     """
     for x in range(first, last):
         i, j = np.uint64(x), np.uint64(x + shift)
@@ -332,20 +331,20 @@ def _count_agreeing(
 
 @njit(nogil=True, error_model="numpy")
 def smooth(start: int, stop: int, kept: Any, deviation: Any, smoothed: Any) -> None:
-    """Replace each disparity by that of a plane through the neighbours on its surface.
+    """Replace each disparity by that of a plane fitted to the neighbours on its surface.
 
-    Neighbours count by how well their own match fixed them and by distance, so
-    that a well textured point stays and a vague one follows its neighbours.
+    Neighbours are weighted by the precision of their match and by distance: precise points hardly
+    change, and uncertain ones follow their neighbours.
     """
     rows, columns = kept.shape
     steps = _SMOOTHING_STEPS
-    # A row of neighbours and their variances; beyond the grid there is none.
+    # A row of neighbours, -1 beyond the grid, and their variances.
     there = np.full(columns + 2 * steps, -1.0, np.float32)
     variance = np.ones(there.size, np.float32)
-    # Sums over the neighbours of one row: of weights, of weights times the step across
-    # and its square, of weighted differences, and of those times the step across.
+    # Sums over one row of neighbours: weights w, w x, w x x, w d and w d x, with the distance x in
+    # the row and the difference d of disparities.
     sums = np.empty((5, columns), np.float32)
-    # The same over all rows, with the step down besides.
+    # Sums over all rows; see `_add_row`.
     moments = np.empty((9, columns), np.float32)
     for row in range(start, stop):
         moments[:] = 0
@@ -407,7 +406,7 @@ def _add_row(sums: Any, down: Any, moments: Any) -> None:
 
 @njit(nogil=True, error_model="numpy", inline="always")
 def _plane_at_origin(moments: Any) -> Any:
-    """Value at the point itself of the plane through its neighbours, by Cramer's rule."""
+    """Value at the point itself of the plane fitted to its neighbours, by Cramer's rule."""
     s, sx, sy = np.float64(moments[0]), np.float64(moments[1]), np.float64(moments[2])
     sxx, sxy = moments[3] + _SLOPE_RIDGE * s, np.float64(moments[4])
     syy = moments[5] + _SLOPE_RIDGE * s
@@ -419,7 +418,7 @@ def _plane_at_origin(moments: Any) -> Any:
 
 @njit(nogil=True)
 def mark_vertices(start: int, stop: int, kept: Any, vertices: Any) -> None:
-    """Mark a lattice of points, and those that are not flat between their neighbours."""
+    """Mark a lattice of points, and those that differ from their neighbours."""
     for row in range(start, stop):
         for column in range(kept.shape[1]):
             if kept[row, column] < 0:
@@ -432,7 +431,7 @@ def mark_vertices(start: int, stop: int, kept: Any, vertices: Any) -> None:
 
 @njit(nogil=True)
 def _stands_out(kept: Any, row: int, column: int) -> bool:
-    """Tell whether a neighbour differs, or more than one is missing as at a region's border."""
+    """Whether a neighbour differs, or more than one is missing, as at a region's border."""
     missing = 0
     for down, across in ((0, 1), (0, -1), (1, 0), (-1, 0)):
         difference = _step_to(kept, row, column, down, across)
@@ -445,7 +444,7 @@ def _stands_out(kept: Any, row: int, column: int) -> bool:
 
 @njit(nogil=True)
 def _step_to(kept: Any, row: int, column: int, down: int, across: int) -> float:
-    """Difference to the nearest point in a direction; -1 where none is near."""
+    """Absolute difference to the nearest point in a direction; -1 if none is near."""
     for steps in range(1, _NEIGHBOUR_STEPS + 1):
         y, x = row + steps * down, column + steps * across
         if 0 <= y < kept.shape[0] and 0 <= x < kept.shape[1] and kept[y, x] >= 0:
