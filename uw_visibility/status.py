@@ -23,10 +23,11 @@ class Status(str, Enum):
     AMBIENT_LIGHT_UNBOUNDED = "ambient light unbounded"
     FIT_FAILED = "fit failed"
     NO_DAYLIGHT_COLOUR = (
-        "light is not of daylight's colour (check camera.white_reference, white balance, lamps)"
+        "light does not have the colour of daylight "
+        "(check camera.white_reference, white balance, lamps)"
     )
     GREY_ON_AVERAGE = (
-        "images are grey on average, which tells no depth "
+        "images are grey on average, so that their colour does not show the depth "
         "(automatic white balance? fix it, or set camera.white_reference)"
     )
     CLEARER_THAN_CLEAR_WATER = (
@@ -34,32 +35,33 @@ class Status(str, Enum):
         "(check camera.transfer, white balance, camera.response, calibration)"
     )
     OTHER_TRANSFER = (
-        "light over range fits another transfer than the one that was told "
+        "light over range fits a transfer other than the configured one "
         "(check camera.transfer, flat field)"
     )
     NOT_ONE_WATER = (
-        "dark and bright patches over range follow no single water and veil "
+        "dark and bright patches over range do not fit uniform water and a uniform veil "
         "(check camera.vignetting, camera.transfer; a layer, or a veil that is brighter above?)"
     )
     UNLIKE_TRAINING = (
-        "the image is unlike any that the estimator knows "
+        "the image is unlike those that the estimator was trained on "
         "(check camera.transfer, exposure, calibration)"
     )
     STEPS_DISAGREE = (
-        "ranges before and after dense matching tell different water "
+        "steps 1 and 2 give different attenuations "
         "(check calibration and stereo.max_disparity)"
     )
     RANGES_OF_ANOTHER_SCENE = (
-        "edges of the image and steps of the ranges coincide no more than by chance "
+        "steps of the ranges coincide with edges of the image no more than by chance "
         "(ranges of another frame, mirrored, or an image of noise?)"
     )
-    NO_WATER_TYPE = "attenuation is that of no Jerlov type"
-    WATER_TYPE_UNCERTAIN = "attenuation is too uncertain to tell a Jerlov type"
+    NO_WATER_TYPE = "attenuation fits no Jerlov type"
+    WATER_TYPE_UNCERTAIN = "attenuation is too uncertain for a Jerlov type"
     LIT_BY_LAMPS = "lit by lamps: set lighting.model (and lighting.positions)"
-    LIGHT_UNCERTAIN = "daylight or lamps: which of them lights the scene is not certain"
-    LEFT_TO_STEP_2 = "under lamps step 2 alone estimates"
+    LIGHT_UNCERTAIN = "uncertain whether daylight or lamps light the scene"
+    LEFT_TO_STEP_2 = "under lamps only step 2 estimates the water"
     NO_DEPTH_BY_LAMPS = (
-        "lamps light the scene, which tells no depth (lighting.model; take the depth sensor's)"
+        "lamps light the scene, so that its colour does not show the depth "
+        "(lighting.model; use a depth sensor)"
     )
 
     def __str__(self) -> str:

@@ -1,9 +1,9 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reference of parameters, commands, topics and statuses, as Markdown made from the code.
+"""Reference of parameters, commands, topics and statuses, as Markdown generated from the code.
 
-Sphinx writes what `pages` returns to docs/generated before it reads the sources, whose
-pages include it.
+Sphinx writes the result of `pages` to docs/generated before it reads the sources, which include
+it.
 """
 
 from __future__ import annotations
@@ -26,12 +26,14 @@ from uw_visibility.status import Status
 FOLDER = Path(__file__).resolve().parents[1] / "generated"
 
 VERDICTS = {
-    Verdict.OK: "Sensor and estimate agree, but for a constant of the camera.",
-    Verdict.WARN: "They disagree as a right sensor does once in `plausibility.warn_interval`.",
-    Verdict.ERROR: "They disagree as a right sensor does once in `plausibility.error_interval`: "
-    "look at the sensor's scale, sign and offset, then at the camera's white reference.",
-    Verdict.STALE: "Nothing has arrived from the sensor lately.",
-    Verdict.NOT_ASSESSABLE: "The estimate is too uncertain to prove anything, or there is none.",
+    Verdict.OK: "Sensor and estimate agree, except for a constant error of the camera.",
+    Verdict.WARN: "They disagree, as with a correct sensor only once in "
+    "`plausibility.warn_interval`.",
+    Verdict.ERROR: "They disagree, as with a correct sensor only once in "
+    "`plausibility.error_interval`: check scale, sign and offset of the sensor, then the camera's "
+    "white reference.",
+    Verdict.STALE: "No recent values of the sensor.",
+    Verdict.NOT_ASSESSABLE: "The estimate is too uncertain, or there is none.",
 }
 
 
@@ -60,7 +62,7 @@ def parameters() -> Iterator[str]:
 
 
 def commands() -> Iterator[str]:
-    """Yield a section for each command: what it does, its options, what it writes."""
+    """Yield a section for each command: description, options and outputs."""
     for name, parser in _subparsers().items():
         yield from (f"## {name}", "")
         yield from _text(parser.description or "")
@@ -86,7 +88,7 @@ def topics() -> Iterator[str]:
 
 
 def statuses() -> Iterator[str]:
-    """Yield a table of all reasons why something is not assessed, with what to do."""
+    """Yield a table of statuses with meaning and what to do."""
     rows = [
         (f"{status} (`{word(status)}`)", MEANINGS[status], REMEDIES[status])
         for status in Status if status is not Status.OK
@@ -100,7 +102,7 @@ def verdicts() -> Iterator[str]:
 
 
 def columns() -> Iterator[str]:
-    """Yield a table of the columns of frames.csv; standard deviations with what they are of."""
+    """Yield a table of the columns of frames.csv, each with its standard deviation."""
     deviations = {column.stddev_of for column in COLUMNS.values()}
     rows = [
         (f"`{name}`" + (" (`…_stddev`)" if name in deviations else ""),
@@ -118,7 +120,7 @@ def _subparsers() -> dict[str, argparse.ArgumentParser]:
 
 
 def _option(parser: argparse.ArgumentParser, action: argparse.Action) -> tuple[str, str]:
-    """Return an option as it is written, and its help with the default filled in."""
+    """Return an option with its arguments, and its help with the default."""
     formatter = parser.formatter_class(prog=parser.prog)
     names = formatter._format_action_invocation(action)
     return f"`{names}`", formatter._expand_help(action) if action.help else ""

@@ -58,7 +58,7 @@ print(f"depth: {seen.depth:.1f} ± {seen.depth_stddev:.1f} m   (truth {truth.dep
 # How attenuation shows
 # ---------------------
 # The darkest pixels at each range show little but veil: daylight that the water scatters into the
-# camera. The veil rises with range towards the colour of open water; β is how fast. Networks weigh
+# camera. The veil rises with range towards the colour of open water, at the rate β. Networks weigh
 # this cue and others (:doc:`/theory/posterior`).
 
 envelope = result.water.envelope
@@ -78,7 +78,7 @@ plt.show()
 # Pictures and ranges
 # -------------------
 # ``result.range`` is the measured range, NaN where nothing matched. ``result.stereo.filled_range``
-# has its holes filled; it serves colour only.
+# has its holes filled; it is used for colour only.
 
 fig, axes = plt.subplots(1, 3, figsize=(9, 2.6), layout="constrained")
 for ax, picture, title in zip(
@@ -101,7 +101,7 @@ print(f"matched {known.mean():.0%} of the picture, {correct:.1%} of that within 
 # %%
 # Disparities of your own
 # -----------------------
-# With another matcher, or with ranges from another sensor, estimate the water alone.
+# With another matcher, or with ranges from another sensor, estimate only the water.
 
 from uw_visibility import estimate_water
 

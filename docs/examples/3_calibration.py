@@ -4,8 +4,8 @@
 Calibrating a camera against a depth sensor
 ===========================================
 
-Depth is estimated from the colour of daylight. That needs the camera's white and the type of the
-water. A dive with a depth sensor gives both.
+Depth is estimated from the colour of daylight. That needs the camera's white and the water
+type. A dive with a depth sensor gives both.
 """
 
 # %%
@@ -41,7 +41,7 @@ terminal(
 # %%
 # Calibrate
 # ---------
-# The command tries each type of water, with the white that fits it best.
+# The command tries each water type, with the white that fits best.
 
 terminal("uw_visibility calibrate dive -o camera.yaml --jobs 1")
 print((folder / "camera.yaml").read_text())
@@ -77,4 +77,4 @@ plt.show()
 
 # %%
 # ``calibrate`` refuses a dive whose depth changes too little, and one with automatic white balance,
-# which takes away the colour that depth is estimated from.
+# which removes the colour that depth is estimated from.

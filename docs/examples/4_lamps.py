@@ -5,7 +5,7 @@ Lamps
 =====
 
 At night the vehicle's own lamps light the scene. Their light falls off with distance, and near
-water scatters most of it back. Given the places of the lamps, the estimator models both.
+water scatters most of it back. Given the positions of the lamps, the estimator models both.
 """
 
 # %%
@@ -41,8 +41,8 @@ terminal(
 print((folder / "night" / "lighting.yaml").read_text())
 
 # %%
-# With the lamps' places, and without
-# -----------------------------------
+# With and without lamp positions
+# -------------------------------
 # Positions and directions are in the left camera's optical frame: x to the right, y down, z
 # forward. :doc:`/lamps` explains the parameters. Without the file most frames are refused, with the
 # reason.

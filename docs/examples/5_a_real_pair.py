@@ -48,7 +48,7 @@ print(f"a {kind} pair of {left.shape[1]}x{left.shape[0]} pixels")
 # %%
 # The transfer
 # ------------
-# Images that a camera has made for screens are ``srgb``; raw sensor data are ``linear``, the
+# Images that are encoded for screens are ``srgb``; raw sensor data are ``linear``, the
 # default. With the wrong one every number is wrong.
 
 config = PipelineConfig.from_parameters({"camera.transfer": transfer})
@@ -71,7 +71,7 @@ plt.show()
 
 # %%
 # Check the range first: everything else depends on it. Flat things must be flat, and steps must lie
-# at the edges of objects. Blotches that follow no object mean that rows do not correspond, or that
+# at the edges of objects. Patches that follow no object mean that rows do not correspond, or that
 # the calibration is of another focus. The right camera does not see the black strip at the left.
 
 print(f"matched: {np.isfinite(result.disparity).mean():.0%} of the pixels")
@@ -81,7 +81,7 @@ print(f"ranges: {nearest:.2f} to {farthest:.2f} m")
 # %%
 # The water
 # ---------
-# Every quantity has a status of its own. A scene with few ranges gives attenuation with a large σ.
+# Every quantity has its own status. A scene with few ranges gives attenuation with a large σ.
 # A visibility distance that is not known within a factor of two is refused, with the reason.
 
 print("water:", result.status)

@@ -9,11 +9,11 @@ semi-global matcher takes the place of the dense search.
 """
 
 # %%
-# What is asked of a matcher
-# --------------------------
-# :class:`~uw_visibility.stereo.elas.Matcher`, that of ELAS, has the methods: take the pair as
-# recorded, and with its contrast restored; match it sparsely; interpolate; match it densely. A
-# subclass replaces those that it needs.
+# Methods of a matcher
+# --------------------
+# :class:`~uw_visibility.stereo.elas.Matcher`, the matcher of ELAS, has methods that take the pair
+# as recorded, take the pair with restored contrast, match sparsely, interpolate, and match densely.
+# A subclass replaces some of them.
 #
 # The restored views arrive as :class:`~uw_visibility.stereo.contrast.ContrastNormalizer`: a grey
 # image and, for each pixel, the gain that restores its contrast. A matcher of gradients takes
@@ -61,7 +61,7 @@ class SemiGlobalMatcher(Matcher):
 # %%
 # In the pipeline
 # ---------------
-# Enter the class in the dictionary. In a fork it would be a file beside ``stereo/matchers.py``.
+# Add the class to the dictionary. In a fork it would be in a file beside ``stereo/matchers.py``.
 
 camera = StereoCamera(width=320, height=240, focal_length=300.0, baseline=0.12)
 plan = Transect(frames=1, depth=(3.0, 3.0), attenuation=(0.2, 0.2), seed=3, camera=camera)
@@ -99,5 +99,5 @@ plt.show()
 #
 # Without the pipeline
 # --------------------
-# To estimate the water alone, pass disparities to :func:`uw_visibility.estimate_water`:
+# To estimate only the water, pass disparities to :func:`uw_visibility.estimate_water`:
 # see :doc:`1_one_pair`.

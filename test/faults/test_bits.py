@@ -70,5 +70,5 @@ def test_any_one_bit_costs_little_or_is_told(form: str, tmp_path: Path) -> None:
         assert sum(count > 4 for count in lost.values()) <= len(lost) // 100, lost
     # Of the others some are refused: the command that mends them is named, or what is wrong.
     assert len(refused) <= len(places) // 10, refused
-    told = ("rosbag reindex", ".recover", "is no recording: its ")
+    told = ("rosbag reindex", ".recover", "is not a recording: ")
     assert all(any(words in said for words in told) for said in refused), refused

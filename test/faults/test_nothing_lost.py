@@ -191,7 +191,7 @@ def test_a_day_is_called_one_and_replaced_with_force_if_nothing_else_is_in_it(
     day: Path, recording: Path, tmp_path: Path, said: Callable[..., str]
 ) -> None:
     told = said("replay", recording, "-o", day)
-    assert f"{day} exists already and is of several recordings: give another" in told
+    assert f"{day} exists already with several recordings: give another" in told
     # Those of others are not replaced unasked either.
     bags = [shutil.copytree(recording, tmp_path / name) for name in ("three", "four")]
     assert "--force to replace" in said("replay", *bags, "-o", day)

@@ -133,7 +133,7 @@ def test_a_partial_result_from_before_is_not_gone_on_from_unasked(
     with pytest.raises(SystemExit):
         main(["replay", str(transect), str(dive), "-o", str(out), "--scheduler",
               cluster.scheduler_address])
-    assert "transect.partial is a partial result: --resume goes on" in capsys.readouterr().err
+    assert "transect.partial is a partial result: --resume continues it" in capsys.readouterr().err
     assert (out / "dive" / "frames.csv").is_file()
 
 
@@ -145,7 +145,7 @@ def test_workers_of_another_version_are_refused(
     bag = copy_bag(transect, tmp_path / "bag")
     assert main(["replay", str(bag), "-o", str(tmp_path / "out"), "--scheduler",
                  cluster.scheduler_address]) == 2
-    assert "and here is 0.0.1: install one version" in capsys.readouterr().err
+    assert "this machine 0.0.1: install one version" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -101,7 +101,7 @@ def test_blocks_whose_arrays_do_not_fit_are_refused(
     water = replace(
         record.estimate.water, blocks=blocks()._replace(**{name: value}))  # type: ignore[arg-type]
     write(tmp_path, replace(record, estimate=replace(record.estimate, water=water)))
-    with pytest.raises(InputError, match="no frame of a replay"):
+    with pytest.raises(InputError, match="not a frame of a replay"):
         list(read_records(tmp_path))
 
 
@@ -122,7 +122,7 @@ def test_what_is_no_record_is_refused(tmp_path: Path, change: dict[str, Any]) ->
     first, second = (json.loads(line) for line in path.read_text().splitlines())
     second["FrameRecord"] |= change
     path.write_text(json.dumps(first) + "\n" + json.dumps(second) + "\n")
-    with pytest.raises(InputError, match=r"frames\.jsonl, line 2, is no frame of a replay"):
+    with pytest.raises(InputError, match=r"frames\.jsonl, line 2, is not a frame of a replay"):
         list(read_records(tmp_path))
 
 
@@ -132,5 +132,5 @@ def test_what_is_no_record_is_refused(tmp_path: Path, change: dict[str, Any]) ->
 ])
 def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / NAME).write_bytes(content)
-    with pytest.raises(InputError, match="line 1, is no frame of a replay: --force begins anew"):
+    with pytest.raises(InputError, match="line 1, is not a frame of a replay: --force starts over"):
         list(read_records(tmp_path))

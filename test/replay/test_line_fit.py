@@ -68,10 +68,10 @@ def test_a_fit_is_kept_and_read(tmp_path: Path) -> None:
     fit.write(tmp_path / "fit.json")
     assert LineFit.read(tmp_path / "fit.json") == fit
     (tmp_path / "fit.json").write_text('{"slope": 1.0}')
-    with pytest.raises(InputError, match="no fit of a joined topic"):
+    with pytest.raises(InputError, match="not a fit of a joined topic"):
         LineFit.read(tmp_path / "fit.json")
     (tmp_path / "fit.json").write_text('[1, 2]')
-    with pytest.raises(InputError, match="no fit of a joined topic"):
+    with pytest.raises(InputError, match="not a fit of a joined topic"):
         LineFit.read(tmp_path / "fit.json")
 
 
@@ -82,7 +82,7 @@ def test_a_fit_beyond_single_precision_is_refused(
     name: str, value: float, tmp_path: Path
 ) -> None:
     (tmp_path / "fit.json").write_text(json.dumps(asdict(draw(0)) | {name: value}))
-    with pytest.raises(InputError, match="no fit of a joined topic"):
+    with pytest.raises(InputError, match="not a fit of a joined topic"):
         LineFit.read(tmp_path / "fit.json")
 
 

@@ -378,6 +378,6 @@ def test_the_pair_as_recorded_is_matched_on_request(
         assert 0.2 < float(row["matched_fraction_original"]) < float(row["matched_fraction"])
         del row["matched_fraction_original"], without["matched_fraction_original"]
         assert row == without
-    assert "of the pairs as recorded" in (tmp_path / "out" / "report.html").read_text()
+    assert "without restoration" in (tmp_path / "out" / "report.html").read_text()
     frame = next(replay.read(transect, match_original=True))
     assert frame.result.stereo.matched_fraction_original is not None

@@ -115,7 +115,7 @@ def test_an_interruption_leaves_a_readable_part_marked_as_such(
     assert (interrupted.code, interrupted.out.exists()) == (130, False)
     rows = list(read_rows(interrupted.partial / "frames.csv"))
     assert rows == list(read_rows(hard_replayed / "frames.csv"))[: len(rows)]
-    said = f"out.partial has {len(rows)} frames: --resume goes on from it"
+    said = f"out.partial has {len(rows)} frames: --resume continues it"
     assert said in interrupted.err
     # The last one or two wait for the sensor's value after them.
     assert INTERRUPTED_AT - 2 <= len(rows) <= INTERRUPTED_AT
@@ -143,7 +143,7 @@ def test_a_resumed_replay_is_as_if_it_had_not_been_interrupted(
         table = (folder / "frames.csv").read_text()
         (folder / "frames.csv").write_text(table[:-40])
     assert interrupted.again().code == 2
-    assert "--resume goes on from it" in capsys.readouterr().err
+    assert "--resume continues it" in capsys.readouterr().err
     done = interrupted.again("--resume", capsys=capsys)
     assert done.code == 0
     kept = int(done.out.split(" of them from before")[0].rpartition(" ")[2])
@@ -176,7 +176,7 @@ def test_a_log_that_is_none_is_refused_and_nothing_of_it_is_executed(
         capsys.readouterr()
         assert interrupted.again("--resume").code == 2
         (line,) = capsys.readouterr().err.strip().splitlines()
-        assert "frames.jsonl, line 1, is no frame of a replay: --force begins anew" in line
+        assert "frames.jsonl, line 1, is not a frame of a replay: --force starts over" in line
     assert not (tmp_path / "executed").exists()
 
 
@@ -235,7 +235,7 @@ def test_a_part_made_with_other_options_is_not_gone_on_from(
     before = {p.name: p.read_bytes() for p in interrupted.partial.iterdir()}
     done = interrupted.again("--resume", *options, capsys=capsys)
     assert done.code == 2
-    assert f"out.partial was made with another {difference}: --force begins anew" in done.err
+    assert f"out.partial was made with another {difference}: --force starts over" in done.err
     assert {p.name: p.read_bytes() for p in interrupted.partial.iterdir()} == before
 
 
@@ -299,7 +299,7 @@ def test_a_part_of_another_origin_is_not_gone_on_from(
     table, log = (interrupted.partial / name for name in ("frames.csv", frame_log.NAME))
     table.write_text(table.read_text().replace(f"\n{DARK},", "\n9,"))
     log.write_text(log.read_text().replace(f'"frame": {DARK},', '"frame": 9,'))
-    assert "is not of these frames" in refusal()
+    assert "has other frames" in refusal()
     assert interrupted.again("--force").code == 0
     assert not interrupted.partial.exists()
 
@@ -341,11 +341,11 @@ def test_a_result_of_several_is_complete_for_its_own_input_alone(
     before = [table.stat().st_mtime_ns for table in tables]
     assert main(command) == 0
     assert [table.stat().st_mtime_ns for table in tables] == before
-    for options, difference in ((["--video"], "choice of --images, --video"),
+    for options, difference in ((["--video"], "with other --images, --video"),
                                 (["--match-original"], "replay.match_original: give another")):
         assert main([*command, *options]) == 2
         told = capsys.readouterr().err
-        assert "one exists already and was made with another" in told
+        assert "one exists already and was made with" in told
         assert difference in told
     # Another recording has come under the same name.
     file = bags[1] / "transect.mcap"

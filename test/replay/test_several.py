@@ -45,7 +45,7 @@ def test_several_bags_have_a_folder_each(
     assert main([*command, "--every", "3"]) == 0
     assert {p.name for p in (tmp_path / "day").iterdir() if p.is_dir()} == {"transect", "other"}
     # What the distances are is said, and once is enough.
-    assert capsys.readouterr().out.count("Visibility distance is where a white") == 1
+    assert capsys.readouterr().out.count("Visibility distance is the distance at which") == 1
     assert (tmp_path / "day" / "other" / "report.html").is_file()
     assert main(["replay", str(other), str(other), "-o", str(tmp_path / "twice")]) == 2
 
@@ -187,7 +187,7 @@ def test_of_two_pairs_of_cameras_the_choice_is_said(
                 yield f"/aft{topic}", kind, message, time
 
     bag = copy_bag(transect, tmp_path / "bag", edit=twice)
-    said = "/left/image_rect is taken rather than /aft/left/image_rect"
+    said = "/left/image_rect is used instead of /aft/left/image_rect"
     assert main(["replay", str(bag), "--list"]) == 0
     assert said in capsys.readouterr().out
     done = run(bag, tmp_path / "out", "--every", "3", capsys=capsys)
@@ -294,7 +294,7 @@ def test_an_interruption_at_the_start_of_jobs_is_one_sentence(
     sentences = told.splitlines()
     assert sentences[-1] == "uw_visibility: interrupted"
     # Once there are frames, a second one says how to go on.
-    assert len(sentences) == 1 or "--resume goes on from it" in sentences[0]
+    assert len(sentences) == 1 or "--resume continues it" in sentences[0]
     assert len(sentences) <= 2
 
 

@@ -29,22 +29,22 @@ if TYPE_CHECKING:
 
 HELP = "white reference and water type, or lamps, from bags"
 DESCRIPTION = """\
-Find what the depth estimate needs to know of camera and water: the camera's white
-(camera.white_reference) and the type of the water (assessment.water_type), from
-recordings with a depth sensor, over depths that differ by a metre at least.
+Find the parameters of camera and water that the depth estimate needs: the camera's
+white (camera.white_reference) and the water type (assessment.water_type), from
+recordings with a depth sensor over depths that differ by at least a metre.
 
-With --lighting, find the vehicle's lamps instead: places, axes and beams (lighting.*),
-from recordings by night over ground that is seen from many distances, slowly, so that
-frames overlap; see docs/lamps.md."""
+With --lighting, find the vehicle's lamps instead: positions, axes and beams (lighting.*),
+from recordings at night. Move slowly, so that frames overlap, and see the ground from
+many distances; see docs/lamps.md."""
 
 EPILOG = """\
 written to YAML (without -o: to standard output): the parameters of --params-file, if
-one is given, with those found; for --params-file of all commands and of the node.
-With several BAGs all are taken together: one camera, its white balance fixed, in
-water of one type. With --lighting and -o a picture is written beside, as .png.
+given, and those found; a parameter file for all commands and for the node.
+Several BAGs are evaluated together: one camera with fixed white balance, in water of
+one type. With --lighting and -o a picture is written beside YAML, as .png.
 
-exit code: 0 done, 2 unusable input or options, 1 nothing could be read, or a failure
-inside"""
+exit code: 0 done, 1 nothing in a bag can be read, or internal error, 2 unusable input or
+options"""
 
 SHOWN_TYPES = 5
 
@@ -52,13 +52,13 @@ SHOWN_TYPES = 5
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_recording_options(parser)
     parser.add_argument("-o", "--output", metavar="YAML", type=Path, help="file to write")
-    parser.add_argument("--force", action="store_true", help="replace a file that calibrate wrote")
+    parser.add_argument("--force", action="store_true", help="replace a file written by calibrate")
     parser.add_argument(
         "--lighting", action="store_true", help="find the vehicle's lamps instead")
     parser.add_argument(
         "--lamps", metavar="N", type=int,
-        help="with --lighting: 1, 2 or 4 lamps in unknown places (default: those of --params-file "
-        "are where the search begins)",
+        help="with --lighting: 1, 2 or 4 lamps at unknown positions (default: start from the lamps "
+        "of --params-file)",
     )
 
 
@@ -93,7 +93,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
 
 
 def _calibrate_lighting(arguments: argparse.Namespace) -> None:
-    """Find places, axes and beams of lamps."""
+    """Find positions, axes and beams of lamps."""
     output = arguments.output
     picture = None if output is None else output.with_suffix(".png")
     if picture is not None:
@@ -121,7 +121,7 @@ def _write(
     arguments: argparse.Namespace, parameters: dict[str, Any], what: str, how: str, told: str,
     damage: list[str], more: str = "",
 ) -> None:
-    """Write the parameters that were found, and tell of them."""
+    """Write the parameters that were found, and print their description."""
     from uw_visibility.commands.options import read_params_file
     from uw_visibility.config.parameter_file import render_values
 
@@ -178,11 +178,11 @@ def _describe(found: Calibration, series: CalibrationSeries) -> str:
             f"{mark} {candidate.water_type:12}{candidate.depth_rms:15.2f}    {white}"
         )
     if found.best is not found.candidates[0]:
-        lines.append("Clear water is kept: no other type fits certainly better.")
+        lines.append("Clear water is kept: no other type fits significantly better.")
     errors = series.errors()
     before = f"{np.sqrt(np.mean(errors**2)):.2f} m" if errors.size else "not assessable"
     after = np.sqrt(np.mean(found.residuals**2))
-    lines += ["± is from the scatter over frames; errors that all of them share come on top."]
+    lines += ["± is from the scatter over frames; errors common to all frames come in addition."]
     lines += ["", f"depth against the sensor, rms: {before} before, {after:.2f} m with *"]
     return "\n".join(lines)
 
@@ -195,12 +195,13 @@ def _describe_lamps(found: LampCalibration, frames: int) -> str:
         place = _with_stddev(lamp.position, found.position_stddev[i])
         axis = "  ".join(f"{value:.2f}" for value in lamp.direction)
         lines.append(
-            f"  lamp {i + 1}  place (m): {place}   axis: {axis}, ± {found.direction_stddev[i]:.1f} "
-            f"degrees   beam: {lamp.beam_angle:.0f} degrees ± {100 * found.beam_stddev:.0f} %")
+            f"  lamp {i + 1}  position (m): {place}   axis: {axis}, "
+            f"± {found.direction_stddev[i]:.1f} degrees   beam: {lamp.beam_angle:.0f} degrees "
+            f"± {100 * found.beam_stddev:.0f} %")
     water = _with_stddev(found.attenuation, found.attenuation_stddev)
     lines += [
         "", f"  water of the recording, attenuation (1/m), R G B: {water}",
-        f"  light of a point about the fit: {100 * found.scatter:.1f} %"]
+        f"  scatter of the light of a point about the fit: {100 * found.scatter:.1f} %"]
     return "\n".join(lines)
 
 

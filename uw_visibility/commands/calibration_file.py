@@ -17,7 +17,7 @@ from uw_visibility.stereo.rig import StereoRig
 
 
 def _info(**fields: Any) -> Any:
-    """Return one camera's calibration as its file states it, with the fields of a CameraInfo."""
+    """Return the calibration of one camera with the fields of a CameraInfo."""
     whole = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0, do_rectify=False)
     return SimpleNamespace(**fields, binning_x=0, binning_y=0, roi=whole)
 
@@ -26,12 +26,12 @@ def read_rig(paths: Sequence[str | Path]) -> tuple[StereoRig, tuple[int, int] | 
     """Read the geometry of a rectified pair.
 
     paths: one JSON file with the projection matrices ``P1`` and ``P2`` (3 by 4) and, where known,
-        the ``width`` and ``height`` of the images; or the left and the right camera's YAML file, as
-        camera_calibration writes them.
-    Returns `rig`, StereoRig; `size`, width and height of the images calibrated, px; None where not
+        the ``width`` and ``height`` of the images; or the YAML files of the left and the right
+        camera, as camera_calibration writes them.
+    Returns `rig`, StereoRig; `size`, width and height of the calibrated images, px; None if not
     stated.
-    Raises `InputError` if a file cannot be read or has another form, or if the numbers are not
-    those of a rectified pair; the file is named.
+    Raises `InputError`, which names the file, if a file cannot be read or has another format, or
+    if the numbers are not those of a rectified pair.
     """
     if len(paths) == 1:
         return _from_projection_file(Path(paths[0]))
@@ -49,9 +49,9 @@ def read_rig(paths: Sequence[str | Path]) -> tuple[StereoRig, tuple[int, int] | 
 def read_camera_infos(paths: Sequence[str | Path]) -> tuple[Any, Any]:
     """Read the calibration of each camera of a pair.
 
-    paths: as `read_rig` takes them. A JSON file must state ``width`` and ``height``; to rectify, it
-        needs ``K_left``, ``D_left``, ``R1`` and ``K_right``, ``D_right``, ``R2`` besides.
-    Raises `InputError` if a file cannot be read or has another form; the file is named.
+    paths: see `read_rig`. A JSON file must state ``width`` and ``height``; to rectify, it also
+        needs ``K_left``, ``D_left``, ``R1`` and ``K_right``, ``D_right``, ``R2``.
+    Raises `InputError`, which names the file, if one cannot be read or has another format.
     """
     _, size = read_rig(paths)
     if len(paths) == 2:
@@ -79,7 +79,7 @@ def _flat(path: Path, content: dict[str, Any], name: str, absent: Any) -> list[f
     try:
         values = np.asarray(content.get(name, absent), np.float64).ravel()
     except (TypeError, ValueError) as error:
-        raise InputError(f"calibration {path} holds no numbers under {name}") from error
+        raise InputError(f"calibration {path} has no numbers under {name}") from error
     return [float(value) for value in values]
 
 
@@ -120,7 +120,7 @@ def _read(path: Path) -> dict[str, Any]:
     content = read_document(path, "calibration")
     if not isinstance(content, dict):
         raise InputError(
-            f"calibration {path} holds no named values: give a JSON with P1 and P2, "
+            f"calibration {path} has no named values: give a JSON with P1 and P2, "
             "or a pair of YAML files as camera_calibration writes them"
         )
     return content

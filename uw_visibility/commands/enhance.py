@@ -40,28 +40,27 @@ HELP = "one pair from files"
 DESCRIPTION = """\
 Assess the water, enhance the images and match one rectified stereo pair.
 
-The cameras are given as numbers (--focal-length, --baseline) or as --calibration:
+Give the cameras as numbers (--focal-length, --baseline) or as --calibration:
   one JSON file      P1 and P2, 3 by 4, of the rectified pair
-  two YAML files     the left and the right camera's, as camera_calibration writes them:
+  two YAML files     of the left and the right camera, as camera_calibration writes them:
                      --calibration left.yaml right.yaml
-Images are 8 or 16 bit, colour or grey, and already rectified."""
+Images have 8 or 16 bit, are in colour or grey, and rectified."""
 
 EPILOG = """\
 written to DIR:
-  overview.png           the left image, itself without the water, range in colours with a
-                         scale in metres, and what was assumed
+  overview.png           the left image as recorded and without the water, its range in
+                         colours with a scale in metres, and what was assumed
   left_enhanced.png, right_enhanced.png   the images without the water
   disparity.pfm          matched pixels, px; inf = unmatched
   confidence.pfm         probability that disparity is within 1 px; 0 = unmatched
   disparity_filled.pfm   gaps filled, for colour only, px; 0 = unknown
   range.pfm              distance along the line of sight, m, of disparity_filled;
                          0 = unknown or infinite
-  report.json            the estimates; null = not assessable, and status says why
+  report.json            the estimates; null = not assessable, status has the reason
 
-Other files in DIR are left alone. These are replaced with --force, beside the report.json
-of an earlier run.
+Other files in DIR are left alone. --force replaces the files of an earlier run.
 
-exit code: 0 done, 2 unusable input or options, 1 a failure inside"""
+exit code: 0 done, 1 internal error, 2 unusable input or options"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -71,7 +70,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--baseline", metavar="M", type=float, help="distance of the cameras, m")
     parser.add_argument(
         "--principal-point", metavar=("CX", "CY"), type=float, nargs=2,
-        help="principal point, px (default: the image's centre)",
+        help="principal point, px (default: centre of the image)",
     )
     parser.add_argument(
         "--calibration", metavar="FILE", type=Path, action="append", default=[],
@@ -83,12 +82,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--params-file", metavar="YAML", type=Path,
-        help="parameters, in the form of config/uw_visibility.yaml",
+        help="parameters, in the format of config/uw_visibility.yaml",
     )
     add_transfer(parser)
     parser.add_argument(
         "-o", "--output", metavar="DIR", type=Path, required=True,
-        help="folder for the results; made where it is missing",
+        help="folder for the results; created if missing",
     )
     parser.add_argument(
         "--force", action="store_true", help="replace the results of an earlier run")
@@ -124,7 +123,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _read_config(arguments: argparse.Namespace) -> tuple[PipelineConfig, Collection[str]]:
-    """Return the parameters, options before the file, and the names of those that are given."""
+    """Return the parameters, options overriding the file, and the names of those given."""
     values = read_params_file(arguments.params_file, arguments.transfer)
     if arguments.max_disparity is not None:
         values["stereo.max_disparity"] = arguments.max_disparity
@@ -253,7 +252,7 @@ def _summary(report: dict[str, Any], folder: Path) -> str:
             parts.append(f"{title} {report[name]:.3g}{band} {unit}")
     lost = [name for name, letter in zip(COLOURS, "RGB", strict=True)
             if letter not in report["channels"]]
-    # Of a refused estimate other channels may be missing too.
+    # If the estimate was refused, channels may be missing for other reasons.
     if report["status"] == str(Status.OK) and lost:
         parts.append(f"no light is left in {' and '.join(lost)}")
     parts.append(f"matched {report['matched_fraction']['enhanced']:.1%}")
@@ -261,10 +260,10 @@ def _summary(report: dict[str, Any], folder: Path) -> str:
 
 
 def frame_report(result: FrameResult, derived: DerivedQuantities) -> dict[str, Any]:
-    """Return the contents of `report.json`, of a result and of what is derived from its water.
+    """Return the contents of `report.json` from a result and its derived quantities.
 
-    Returns numbers, strings, lists and dicts only. What is not assessable is None: a channel's
-    place in a list, or the whole list where no channel is.
+    Only numbers, strings, lists and dicts. Values that are not assessable are None: single
+    channels in a list, or the whole list if no channel is assessable.
     """
     visibility = result.visibility
     statuses = (result.status, visibility.status, visibility.depth_status)
@@ -286,7 +285,7 @@ def frame_report(result: FrameResult, derived: DerivedQuantities) -> dict[str, A
             "bins": int(result.water.bins),
         },
         "clear_water_attenuation": _channels(result.clear_water_attenuation),
-        # Those that have light, such as "GB" where water took the red.
+        # Channels that have light, such as "GB" if the water absorbed red.
         "channels": visibility.channels,
         "mean_attenuation": _number(visibility.mean_attenuation),
         "mean_attenuation_stddev": _number(visibility.mean_attenuation_stddev),

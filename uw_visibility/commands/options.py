@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Options that commands share: the node's parameter file, recordings."""
+"""Options that several commands have: parameter file of the node, recordings."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from uw_visibility.replay.stores import Place
 
 Made = TypeVar("Made")
-# Processes for each processor: more only take memory.
+# Most processes per processor: more only need memory.
 MOST_JOBS = 8
 
 
 def of_arguments(
     kind: Callable[..., Made], arguments: argparse.Namespace, **others: Any
 ) -> Made:
-    """Make a dataclass from the arguments with the names of its fields, and from others."""
+    """Make a dataclass from the arguments that are named like its fields, and from `others`."""
     given = {
         field.name: getattr(arguments, field.name) for field in fields(kind)  # type: ignore[arg-type]
         if field.name not in others and hasattr(arguments, field.name)
@@ -42,14 +42,14 @@ def add_transfer(parser: argparse.ArgumentParser) -> None:
     """Add the option of the camera's transfer."""
     parser.add_argument(
         "--transfer", choices=("linear", "srgb"),
-        help="how code values follow light: linear, as of machine vision cameras, or srgb, as most "
-        "video and JPEG (parameter camera.transfer)")
+        help="transfer from light to code values: linear, as in machine vision cameras, or srgb, "
+        "as in most video and JPEG (parameter camera.transfer)")
 
 
 def read_params_file(path: Path | None, transfer: str | None = None) -> dict[str, Any]:
-    """Read a parameter file, of which `PipelineConfig` and `NodeConfig` take what is theirs.
+    """Read and check a parameter file for `PipelineConfig` and `NodeConfig`.
 
-    `transfer` is that of the command line; it goes before that of the file.
+    `transfer` is that of the command line, which overrides the file.
     """
     from uw_visibility.config.schema import NodeConfig, PipelineConfig, read_yaml
 
@@ -63,23 +63,23 @@ def read_params_file(path: Path | None, transfer: str | None = None) -> dict[str
 
 
 def named_place(text: str) -> Place:
-    """Return what an argument names: a URL or a path."""
+    """Return the URL or path that an argument names."""
     from uw_visibility.replay.stores import place
 
     try:
         return place(text)
     except InputError as error:
-        # For other errors argparse shows the argument, and credentials in the URL.
+        # For other errors argparse would show the argument, with credentials in the URL.
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
-    """Add the recordings and the options to them."""
+    """Add the recordings and their options."""
     add = parser.add_argument
     add("bags", metavar="BAG", type=named_place, nargs="+", help="recording")
-    add("--rectify", action="store_true", help="rectify raw images (parameter rectify); those of "
-        "recordings that have rectified ones alone are taken as they are")
-    add("--params-file", metavar="YAML", type=Path, help="parameters, those of the node")
+    add("--rectify", action="store_true", help="rectify raw images (parameter rectify); "
+        "recordings that only have rectified images are used as they are")
+    add("--params-file", metavar="YAML", type=Path, help="parameters of the node")
     add_transfer(parser)
     add(
         "--calibration", metavar="FILE", type=Path, action="append", default=[],
@@ -90,14 +90,14 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     add("--left-info", metavar="TOPIC", help="CameraInfo of the left camera")
     add("--right-info", metavar="TOPIC", help="CameraInfo of the right camera")
     add("--depth-sensor", metavar="TOPIC", help="depth sensor")
-    add("--start", metavar="S", type=float, default=0.0, help="leave out the first S seconds")
-    add("--duration", metavar="S", type=float, default=math.inf, help="take S seconds")
+    add("--start", metavar="S", type=float, default=0.0, help="skip the first S seconds")
+    add("--duration", metavar="S", type=float, default=math.inf, help="replay S seconds")
     add("--every", metavar="N", type=int, default=1, help="process every Nth frame")
-    add("--jobs", metavar="N", type=int, default=0, help="processes; 0 takes one per processor")
+    add("--jobs", metavar="N", type=int, default=0, help="processes; 0 for one per processor")
 
 
 def read_recording_options(arguments: argparse.Namespace, **others: Any) -> ReplayOptions:
-    """Return the options of a replay: those of the arguments that have their names, and others.
+    """Return the options of a replay from the arguments of the same names, and from `others`.
 
     Raises `InputError` if an option or a file that it names cannot be used.
     """
@@ -121,7 +121,7 @@ def read_recording_options(arguments: argparse.Namespace, **others: Any) -> Repl
 
 @contextmanager
 def reading(command: str) -> Iterator[None]:
-    """Turn errors of reading recordings into one sentence and an exit code."""
+    """Exit with code 1 and one sentence if a recording cannot be read."""
     with needing("report", command):
         from uw_visibility.replay.bags.reader import UnreadableError
     try:
@@ -134,7 +134,7 @@ def reading(command: str) -> Iterator[None]:
 def jobs(arguments: argparse.Namespace) -> int:
     """Return the number of processes.
 
-    Raises `InputError` if it is negative, or far beyond the processors that there are.
+    Raises `InputError` if it is negative, or above `MOST_JOBS` per processor.
     """
     most = MOST_JOBS * number_of_threads(0)
     if not 0 <= arguments.jobs <= most:

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""`uw_visibility replay`: the node's outputs from recorded bags, without a ROS graph."""
+"""`uw_visibility replay`: outputs of the node from recorded bags, without a ROS graph."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from uw_visibility.config.files import refuse_inputs
 from uw_visibility.errors import InputError, refusing
 from uw_visibility.replay.progress import say
 
-# Numbers of a topic that --list names.
+# Most numbers of a topic that --list shows.
 MOST_LISTED = 6
 
 if TYPE_CHECKING:
@@ -30,53 +30,53 @@ if TYPE_CHECKING:
     from uw_visibility.replay.results.summary import Summary
     from uw_visibility.replay.stores import Place
 
-HELP = "the node's outputs from recorded bags"
+HELP = "outputs of the node from recorded bags"
 DESCRIPTION = """\
-Turn recorded bags into what the node would have published, a table and a report.
+Compute from recorded bags what the node would publish, with a table and a report.
 
 A BAG is the folder of a ROS 2 bag (mcap or sqlite3, split, compressed), one of its
 files, or a .bag of ROS 1. The stereo pair is found by type and name: left and right
-in the names, camera_info beside the images.
+in the names, and camera_info beside the images.
 
-BAG and DIR may be URLs that fsspec knows (s3://bucket/dive_1, 's3://bucket/dive_*'):
-what is there is fetched, worked on here, and stored (extra: stores)."""
+BAG and DIR may be URLs that fsspec supports (s3://bucket/dive_1, 's3://bucket/dive_*'):
+bags are downloaded, processed here, and results uploaded (extra: stores)."""
 
 EPILOG = """\
-written to DIR (with several bags: to DIR/NAME for each, and to DIR over all of them:
-index.html, frames.csv and what else was asked for, with a column for the recording):
-  results.mcap     the node's topics; stamps as recorded, logged when the left image was
-  frames.csv       one row a frame: estimates with standard deviations, sensor, statuses.
+written to DIR (with several bags: to DIR/NAME for each, and for all together to DIR:
+index.html, frames.csv and other requested tables, with a column for the recording):
+  results.mcap     topics of the node; stamps as recorded, log times of the left images
+  frames.csv       one row per frame: estimates with standard deviations, sensor, statuses.
                    Distances, ranges and depths in m (depths positive down),
                    attenuations in 1/m, light as part of the largest value, stamps in s
-                   since 1970 (UTC) and as ISO 8601; frames.csv-metadata.json has each
-                   column's unit and definition, and each status (CSV on the Web)
+                   since 1970 (UTC) and as ISO 8601; frames.csv-metadata.json has units
+                   and definitions of all columns, and all statuses (CSV on the Web)
   timings.csv      duration of each stage, ms
   report.html      verdict, time series, pictures, what was not assessable and why
   replay.json      counts, parameters, hash of the input
   images/, video.mp4, frames.geojson, frames.nc, frames.parquet   on request
 
-DIR appears when all is written; until then it is DIR.partial, which is what an
-interruption leaves, and what --resume goes on from. Nothing that lies in DIR beside
-results is ever removed, nor a folder that an input lies in.
+Results are written to DIR.partial, which is renamed to DIR when complete. After an
+interruption DIR.partial remains, and --resume continues it. Other files in DIR are never
+removed, nor is a folder that contains an input.
 
-frames.csv and the messages do not depend on --jobs. Each job takes one thread, unless
-the parameter threads says otherwise.
+frames.csv and the messages do not depend on --jobs. Each job uses one thread, unless
+the parameter threads is set.
 
-exit code: 0 done, with a warning where a bag is damaged; 2 unusable input or options;
-1 nothing in a bag could be read, one of several bags lacks what was to be joined and has
-its result without it, or a failure inside; 130 interrupted"""
+exit code: 0 done, with a warning if a bag is damaged; 1 nothing in a bag can be read or no
+frame of it has a result, one of several bags has no result or lacks a topic to join, or
+an internal error; 2 unusable input or options; 130 interrupted"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add_recording_options(parser)
     add("-o", "--output", metavar="DIR", type=named_place, help="folder for the results")
-    add("--list", action="store_true", help="show what is there and what would be used, and end")
-    add("--force", action="store_true", help="replace a result, if nothing else is in its folder")
-    add("--resume", action="store_true", help="go on from a partial result")
+    add("--list", action="store_true", help="show the topics and which would be used, and exit")
+    add("--force", action="store_true", help="replace a result, if its folder has no other files")
+    add("--resume", action="store_true", help="continue a partial result")
     add(
         "--scheduler", metavar="ADDRESS",
-        help="replay bags on a Dask cluster, one bag a task (extra: distributed)",
+        help="replay bags on a Dask cluster, one bag per task (extra: distributed)",
     )
     add(
         "--images", metavar="N", type=int, default=0,
@@ -85,11 +85,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--video", action="store_true", help="write video.mp4")
     add(
         "--match-original", action="store_true",
-        help="match the images as recorded too, for comparison; costs about a third more time",
+        help="also match the images as recorded, for comparison; takes about a third more time",
     )
     add(
         "--all-topics", action="store_true",
-        help="results.mcap holds all that the Foxglove layout shows: depth image, points, "
+        help="write all topics of the Foxglove layout to results.mcap: depth image, points, "
         "diagnostics, and the left images and the depth sensor as recorded",
     )
     add("--netcdf", action="store_true", help="write frames.nc (CF trajectory; extra: netcdf)")
@@ -101,16 +101,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--parquet", action="store_true", help="write frames.parquet (extra: parquet)")
     add(
         "--join", metavar="TOPIC[.FIELD][=UNIT]", action="append", default=[],
-        help="join a number of any topic by time: a column, and in the report a fit over the beam "
-        "attenuation, which comes to fit_TOPIC.json; UNIT as UDUNITS writes it; may be repeated",
+        help="join a number of any topic by time: a column, and a fit over the beam attenuation in "
+        "the report and in fit_TOPIC.json; UNIT in UDUNITS notation; may be repeated",
     )
     add(
         "--join-tolerance", metavar="S", type=float, default=2.0,
-        help="values further apart than this are not interpolated between (2)",
+        help="longest gap between joined values to interpolate over (2)",
     )
     add(
         "--turbidity", metavar="FIT.json", type=Path,
-        help="turbidity, FNU, by the fit to your own sensor that --join made",
+        help="turbidity, FNU, by a fit to your own sensor, written with --join",
     )
     add(
         "--geo", metavar="TOPIC",
@@ -118,7 +118,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     add(
         "--origin", metavar=("LAT", "LON"), type=float, nargs=2,
-        help="where the origin of --geo's Odometry is, in degrees (x east, y north)",
+        help="position of the origin of the Odometry of --geo, degrees (x east, y north)",
     )
 
 
@@ -148,7 +148,7 @@ def run(arguments: argparse.Namespace) -> None:
         _tell(summary)
     _tell_definition(summaries)
     if len(targets) > 1:
-        say(f"{arguments.output}: index.html and frames.csv are over all recordings")
+        say(f"{arguments.output}: index.html and frames.csv cover all recordings")
     if any(summary.lacks or summary.frames == summary.failed for summary in summaries):
         raise SystemExit(1)
 
@@ -213,7 +213,7 @@ def _targets(bags: list[Place], output: Place | None) -> dict[Place, Place]:
 
 
 def _refuse_inputs(arguments: argparse.Namespace, targets: dict[Place, Place]) -> None:
-    """Refuse targets that an input of the run lies in."""
+    """Refuse targets that contain an input of the run."""
     from uw_visibility.replay.results.folder import places_of
 
     refuse_inputs(
@@ -223,7 +223,7 @@ def _refuse_inputs(arguments: argparse.Namespace, targets: dict[Place, Place]) -
 
 
 def _list_all(bags: list[Place], options: ReplayOptions) -> None:
-    """Show recordings; one that cannot be read does not stop the others."""
+    """Show the topics of recordings; one that cannot be read does not stop the others."""
     from uw_visibility.replay.bags.reader import UnreadableError
     from uw_visibility.replay.stores import recording_here
 
@@ -282,7 +282,7 @@ def _list(bag: Path, options: ReplayOptions, source: Place) -> None:
 
 
 def _list_joinable(reader: BagReader, topics: list[str]) -> None:
-    """Name the topics that --geo and --join could take."""
+    """Name the topics that --geo and --join can take."""
     from uw_visibility.replay.inputs.sensors import numbers_of
     from uw_visibility.replay.inputs.topics import ODOMETRY, POSITION_TYPES
 
@@ -314,7 +314,7 @@ def _tell_partial(targets: dict[Place, Place]) -> None:
             frames = read_state(partial)["frames"]
         except (OSError, ValueError, LookupError):
             continue
-        say(f"{partial} has {frames} frames: --resume goes on from it", error=True)
+        say(f"{partial} has {frames} frames: --resume continues it", error=True)
 
 
 def _tell_definition(summaries: list[Summary]) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""`uw_visibility warmup`: compile ahead what the node and the commands will need."""
+"""`uw_visibility warmup`: compile the kernels of the node and the commands in advance."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from pathlib import Path
 
 from uw_visibility.errors import naming
 
-HELP = "compile ahead, for a quick first start"
+HELP = "compile in advance, for a fast first start"
 DESCRIPTION = """\
 Compile the pipeline's kernels for 8- and 16-bit images, colour and grey, and keep
-them on disk, so that the node's first start is as quick as any other. A second call
-finds them and compiles nothing; after an upgrade only what has changed is compiled.
+them on disk, so that the first start of the node is as fast as any other. A second
+call compiles nothing; after an upgrade only changed kernels are compiled.
 
-They are kept beside the package where that folder can be written to, or else in the
-user's folder for caches; NUMBA_CACHE_DIR names another one. An administrator who runs
-this once for an installation does so for all its users."""
+Kernels are kept beside the package if that folder is writable, otherwise in the user's
+cache folder; NUMBA_CACHE_DIR sets another one. If an administrator runs this once for
+an installation, all its users have the kernels."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--size", metavar="WxH", type=_size, default=(640, 480),
-        help="images to try it with, px; kernels serve every size (640x480)",
+        help="size of the images to run, px; kernels work for every size (640x480)",
     )
     parser.add_argument(
         "--params-file", metavar="YAML", type=Path,
-        help="parameters, in the form of config/uw_visibility.yaml: other methods need "
+        help="parameters, in the format of config/uw_visibility.yaml: other methods need "
         "other kernels",
     )
 
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> None:
                 pipeline.warm_up((height, width), dtype, grey=grey, compressed=colour_8_bit)
     duration = time.monotonic() - begin
     folder = writable_folder()
-    place = f"kept in {folder}" if folder else "kept nowhere: no folder can be written to"
+    place = f"kept in {folder}" if folder else "not kept: no folder is writable"
     print(
         f"{counts.compiled} kernels compiled, {counts.loaded} loaded, in {duration:.1f} s; {place}"
     )
@@ -67,8 +67,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _size(text: str) -> tuple[int, int]:
     width, _, height = text.partition("x")
-    # Digits alone: numpy has no word for a negative size.
+    # Only digits: numpy does not name a negative size in its error.
     if not (width.isdecimal() and height.isdecimal()):
-        message = f"{text!r} is no size: give width x height in px, as in 640x480"
+        message = f"{text!r} is not a size: give width x height in px, as in 640x480"
         raise argparse.ArgumentTypeError(message)
     return int(width), int(height)

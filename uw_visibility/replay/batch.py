@@ -54,11 +54,11 @@ def replay_bags(
 ) -> list[Summary]:
     """Replay recordings into folders.
 
-    targets: mapping of (Path or str) to (Path or str), folder to make, by recording; each a path,
-        or a URL that fsspec knows.
-    jobs: processes that work on frames. The results do not depend on it.
-    force, resume: whether existing results are replaced, or partial ones gone on from and complete
-        ones left as they are.
+    targets: mapping of (Path or str) to (Path or str): folder to make for each recording; paths or
+        fsspec URLs.
+    jobs: number of processes. The results do not depend on it.
+    force, resume: whether existing results are replaced; whether partial results are continued, and
+        complete ones kept.
     Raises `InputError` if a folder or every recording cannot be used, or no recording has a topic
     to join. One unusable recording does not stop the others: its summary says why. A summary also
     says which topics to join its recording lacks.
@@ -99,14 +99,14 @@ def _internal(error: Exception) -> InputError:
     """Describe an internal error as the reason why a recording has no result."""
     reason = printable(" ".join(str(error).split()))
     return InputError(
-        f"internal error, {type(error).__name__}: {reason} (replay it alone with --debug, which "
-        "shows where)")
+        f"internal error, {type(error).__name__}: {reason} (replay it separately with "
+        "--debug, which shows where)")
 
 
 def settle(
     targets: Mapping[Place, Place], outcomes: Sequence[Summary | InputError]
 ) -> list[Summary]:
-    """Return a summary for each recording, if there is a result of any."""
+    """Return a summary for each recording; if all failed, raise the first error."""
     summaries = []
     for (bag, target), outcome in zip(targets.items(), outcomes, strict=True):
         if isinstance(outcome, InputError):
@@ -120,7 +120,7 @@ def settle(
 def _replay(
     bag: Place, target: Place, options: ReplayOptions, pool: FramePool, *, force: bool, resume: bool
 ) -> Summary:
-    """Replay a recording; what is at a URL is downloaded, and a result for one is uploaded.
+    """Replay a recording; URLs are downloaded, and results for URLs uploaded.
 
     After an interruption a readable partial result remains.
     """
@@ -141,8 +141,8 @@ def _replay(
                 replay.run(pool)
         except OSError as error:
             raise InputError(
-                f"cannot write {folder.work}: {error.strerror or error}; with more room "
-                "--resume goes on from it"
+                f"cannot write {folder.work}: {error.strerror or error}; with more space "
+                "--resume continues it"
             ) from error
     return replace(replay.summary, output=str(target))
 
@@ -165,7 +165,7 @@ def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | No
         difference = origin.difference(state)
         if not difference and state.get("extras") != options.extras():
             difference = (
-                "was made with another choice of --images, --video, --geo, --netcdf, --parquet, "
+                "was made with other --images, --video, --geo, --netcdf, --parquet, "
                 "--attribute, --all-topics")
         if difference:
             raise InputError(
@@ -173,7 +173,7 @@ def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | No
                 "replace")
         try:
             summary = Summary.of_finished(str(bag), str(target), state, folder / TABLE)
-            # The final texts read more of the state: damage must be found here.
+            # Final texts read more of the state, so that damage is found here.
             verdict(summary)
             return summary
         except (
@@ -185,7 +185,7 @@ def _finished(bag: Place, target: Place, options: ReplayOptions) -> Summary | No
 
 
 class _Replay:
-    """State of a replay under way: everything that is open while it runs."""
+    """State of a running replay: everything that is open."""
 
     def __init__(
         self,
@@ -250,7 +250,7 @@ class _Replay:
         try:
             self._finish(hashed=kind is None)
         except OSError:
-            # The first error matters, not that the report cannot be written on a full disk.
+            # The first error matters more than a report that cannot be written on a full disk.
             if kind is None:
                 raise
         if kind is None:
@@ -259,7 +259,7 @@ class _Replay:
             (self._folder.work / LOG).unlink()
             self._folder.complete()
         elif self._earlier is not None and self.summary.frames < self._earlier.frames():
-            # This run has less than the earlier part, which is kept for --resume.
+            # This run has fewer frames than the earlier part, which is kept for --resume.
             self._folder.refuse_earlier()
         else:
             self._folder.forget_earlier()
@@ -269,8 +269,8 @@ class _Replay:
     ) -> Iterator[Any]:
         """Yield a task or an earlier answer for each frame, and sensor values.
 
-        Under lamps a frame is restored with the light of earlier frames, except the last few,
-        which other processes may still be working on.
+        Under lamps a frame is restored with the light of earlier frames, except the last few, which
+        other processes may still be processing.
         """
         recording = Recording.of(
             self._reader, self._stream.selection, self._options, frame_topics(self._options))
@@ -282,7 +282,7 @@ class _Replay:
             earlier = next(known, None)
             if earlier is not None and earlier.record.frame != event.number:
                 raise InputError(
-                    f"{self._folder.earlier} is not of these frames: --force begins anew"
+                    f"{self._folder.earlier} has other frames: --force starts over"
                 )
             light = lights.next()
             yield FrameTask(recording, event, light) if earlier is None else earlier
@@ -293,7 +293,7 @@ class _Replay:
             self.summary.frames += 1
 
     def _finish(self, hashed: bool) -> None:
-        """Close everything, whole or partial, and write report and summary."""
+        """Close everything, complete or partial, and write report and summary."""
         if not hashed:
             self._hash.stop()
         if self.summary.complete:
@@ -348,7 +348,7 @@ class _Replay:
         write_report(work, table, gallery, self.summary, joins)
 
     def _check_earlier(self) -> None:
-        """Refuse to go on with another input or other parameters."""
+        """Refuse to continue with another input or other parameters."""
         earlier = self._folder.earlier
         if earlier is None:
             return
@@ -359,4 +359,4 @@ class _Replay:
             problem = f"cannot go on from {self._folder.work}: {error}"
         if problem:
             self._folder.refuse_earlier()
-            raise InputError(f"{problem}: --force begins anew")
+            raise InputError(f"{problem}: --force starts over")

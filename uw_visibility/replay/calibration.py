@@ -27,22 +27,22 @@ from uw_visibility.water.daylight.one_light import NOTHING_EXPECTED
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.calibration import Calibration, calibrate
 
-# Over smaller differences, water type and white reference cannot be told apart: greener
-# light may come from greener water or from a greener camera. In m.
+# Least range of depths, m. Over smaller ones, water type and white reference cannot be separated:
+# greener light may come from greener water or from a greener camera.
 LEAST_DEPTH_SPREAD = 1.0
 
 
 @dataclass
 class CalibrationSeries:
-    """Estimates of recordings beside a sensor's depth."""
+    """Estimates from recordings, with the depths of a sensor."""
 
-    estimates: list[WaterEstimate] = field(default_factory=list)  # one a frame with a result
-    # sensed, assessed: depth by the sensor, and by the estimate with the parameters as they are, m;
-    # NaN where there is none
+    estimates: list[WaterEstimate] = field(default_factory=list)  # one per frame with a result
+    # sensed, assessed: depth of the sensor, and estimated with the given parameters, m; NaN if
+    # unknown
     sensed: list[float] = field(default_factory=list)
     assessed: list[float] = field(default_factory=list)
     unusable: int = 0  # frames without a result
-    damage: list[str] = field(default_factory=list)  # what of the recordings could not be read
+    damage: list[str] = field(default_factory=list)  # unreadable parts of the recordings
 
     def add(self, frames: Iterable[JoinedFrame]) -> None:
         for joined in frames:
@@ -55,7 +55,7 @@ class CalibrationSeries:
             self.assessed.append(estimate.visibility.depth)
 
     def errors(self) -> Array:
-        """Return assessed less sensed depths, where both are known, m."""
+        """Return estimated minus sensed depths where both are known, m."""
         errors = np.array(self.assessed) - np.array(self.sensed)
         return np.asarray(errors[np.isfinite(errors)])
 
@@ -63,13 +63,13 @@ class CalibrationSeries:
 def calibrate_recordings(
     bags: Sequence[Path], options: ReplayOptions, *, jobs: int = 1
 ) -> tuple[Calibration, CalibrationSeries]:
-    """Find the white reference and water type that fit a depth sensor; return the data too.
+    """Find the white reference and water type that fit a depth sensor; also return the data.
 
     The recordings are of one camera in one water. The result does not depend on `jobs`, the
     number of processes.
     """
-    # The prior on the light's colour uses the white reference and water type that are sought,
-    # and would pull the estimates to the given ones.
+    # The prior of the colour of light depends on white reference and water type, and would bias
+    # the result to the given ones.
     water = replace(options.pipeline.water, daylight_tolerance=NOTHING_EXPECTED)
     options = replace(options, pipeline=replace(options.pipeline, water=water))
     _check_spread(_sensed_depths(bags, options))
@@ -85,7 +85,7 @@ def calibrate_recordings(
 
 
 def _sensed_depths(bags: Sequence[Path], options: ReplayOptions) -> tuple[float, float]:
-    """Return smallest and largest sensor depth, before any frame is processed."""
+    """Return the smallest and the largest depth of the sensor, without processing frames."""
     low, high = math.inf, -math.inf
     for bag in bags:
         with BagReader(bag) as reader:
@@ -100,8 +100,7 @@ def _check_spread(depths: tuple[float, float]) -> None:
     if 0.0 <= spread < LEAST_DEPTH_SPREAD:
         raise InputError(
             f"the depths differ by {spread:.2f} m only: calibrate over a dive whose depths differ "
-            f"by {LEAST_DEPTH_SPREAD:g} m or more, since white and water cannot be told apart "
-            "otherwise"
+            f"by {LEAST_DEPTH_SPREAD:g} m or more, otherwise white and water cannot be separated"
         )
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Replay on a Dask cluster, one recording a task."""
+"""Replay on a Dask cluster, one task per recording."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ def replay_on_cluster(
 ) -> list[Summary]:
     """Replay recordings on an existing cluster.
 
-    The workers must see recordings and folders under the same paths or URLs, and have
-    this version of the package. Another worker resumes what a lost worker had not
-    finished: from the last frame on disk, or from the beginning if the result goes to a URL.
+    The workers must have recordings and folders under the same paths or URLs, and this version
+    of the package. If a worker is lost, another one resumes its recording from the last frame on
+    disk, or from the beginning if the result goes to a URL.
 
-    address: of the scheduler, such as ``tcp://10.0.0.5:8786``.
-    targets, options, force, resume: as `replay_bags` takes them.
+    address: scheduler, such as ``tcp://10.0.0.5:8786``.
+    targets, options, force, resume: see `replay_bags`.
     Raises `InputError` if `distributed` is not installed, the scheduler cannot be reached, a worker
     has another version, every recording or its folder cannot be used, or no recording has a topic
     to join.
@@ -51,9 +51,9 @@ def replay_on_cluster(
         if not resume:
             check_in_any(targets, options)
         options = replace(options, several=True)
-    # Each kind of address raises other errors; tls:// without settings a TypeError.
+    # Errors depend on the kind of address; tls:// without settings raises a TypeError.
     with refusing(f"cannot reach the scheduler {address}", Exception):
-        # What else computes with dask in this process, such as xarray, does not ask the cluster.
+        # Other users of dask in this process, such as xarray, do not use the cluster.
         client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
     with client:
         _check_workers(client)
@@ -80,8 +80,7 @@ def _check_targets(
 ) -> dict[Place, InputError]:
     """Return an error for each recording with a partial result, without --resume or --force.
 
-    This is checked before the work: a partial result that a worker finds may be that of a
-    lost worker, and is resumed.
+    Workers cannot check this: a partial result may be that of a lost worker, and is resumed.
     """
     if not resume:
         for target in targets.values():
@@ -102,7 +101,7 @@ def _check_workers(client: Any) -> None:
     for worker, version in versions.items():
         if version != __version__:
             raise InputError(
-                f"worker {worker} has uw_visibility {version}, and here is {__version__}: "
+                f"worker {worker} has uw_visibility {version}, this machine {__version__}: "
                 "install one version everywhere"
             )
 
@@ -112,15 +111,15 @@ def _version() -> str:
 
 
 def _outcome(bag: Place, future: Any, killed: type[Exception]) -> Summary | InputError:
-    """Return the outcome of a task; any error but bad input is raised here."""
+    """Return the outcome of a task; errors other than bad input are raised."""
     try:
         return cast(Summary, future.result())
     except InputError as error:
         return error
     except killed as error:
         return InputError(
-            f"{bag}: every worker that replayed it was lost, for want of memory perhaps; "
-            f"--resume goes on from what there is ({error})"
+            f"{bag}: all workers that replayed it were lost, perhaps for lack of memory; "
+            f"--resume continues its partial result ({error})"
         )
 
 

@@ -30,26 +30,26 @@ Kind = Literal["integer", "number", "text", "choice", "datetime"]
 @dataclass(frozen=True)
 class Column:
     kind: Kind  # ``"choice"`` is a text that is one of `choices`
-    title: str  # what it is, in a few words
-    unit: str = ""  # as UDUNITS writes it; ``"1"`` for a number without one, empty for texts
-    description: str = ""  # definition, caveat and source, where the title does not say all
-    standard_name: str = ""  # that of the CF conventions, where there is one
-    choices: tuple[str, ...] = ()  # the words that may stand there; empty where they are not known
-    meanings: tuple[str, ...] = ()  # what each of `choices` says in reports and messages
-    stddev_of: str = ""  # the column whose standard deviation this is
-    status: str = ""  # the column that says why a value is missing
-    # where the value is, as in ``"estimate.water.attenuation.0"``: an attribute of a `JoinedFrame`
-    # or what `recorder.row_of` adds, and on from there
+    title: str  # short description
+    unit: str = ""  # in UDUNITS notation; ``"1"`` for a number without one, empty for texts
+    description: str = ""  # definition, caveat and source, beyond the title
+    standard_name: str = ""  # of the CF conventions, if there is one
+    choices: tuple[str, ...] = ()  # possible words; empty if unknown
+    meanings: tuple[str, ...] = ()  # sentences for `choices` in reports and messages
+    stddev_of: str = ""  # column of which this is the standard deviation
+    status: str = ""  # column with the reason for a missing value
+    # path of the value, as in ``"estimate.water.attenuation.0"``: from an attribute of a
+    # `JoinedFrame`, or from values that `recorder.row_of` adds
     source: str = ""
 
     def meaning(self, choice: str) -> str:
-        """Return the meaning of a choice, as reports and messages state it."""
+        """Return the sentence for a choice in reports and messages."""
         return dict(zip(self.choices, self.meanings, strict=True)).get(choice, choice)
 
     def text(self, sources: Mapping[str, Any]) -> str:
-        """Return the text in the table for a frame; empty where unknown.
+        """Return the text in the table for a frame; empty if unknown.
 
-        Numbers are written so that reading them gives the same ones.
+        Reading a number back gives the same bits.
         """
         first, *path = self.source.split(".")
         value = sources[first]
@@ -59,7 +59,7 @@ class Column:
             value = value[int(name)] if name.isdigit() else getattr(value, name)
         if self.kind == "datetime":
             return iso_time(value)
-        if self.unit == "s":  # times are held in ns
+        if self.unit == "s":  # times are in ns
             return seconds(value)
         if self.kind == "number":
             return repr(float(value)) if value is not None and math.isfinite(value) else ""
@@ -67,9 +67,9 @@ class Column:
 
 
 def word(value: Enum) -> str:
-    """Return the stable word that tables have for a status, verdict or event.
+    """Return the stable word of a status, verdict or event in tables.
 
-    The sentences of statuses may change, and the CF conventions take words alone.
+    Sentences of statuses may change, and the CF conventions allow only words.
     """
     return value.name.lower() if isinstance(value, Status) else str(value).replace(" ", "_")
 
@@ -120,7 +120,7 @@ def _by_channel(
     name: str, source: str, title: str, unit: str, description: str, standard_name: str = "",
     status: str = "", of: str = "",
 ) -> dict[str, Column]:
-    """Return the columns of each channel of an array and of its standard deviations."""
+    """Return the columns of an array and its standard deviations, for each channel."""
     return {
         column: replace(described, source=f"{described.source}.{index}")
         for index, channel in enumerate(CHANNELS)
@@ -133,7 +133,7 @@ def _by_channel(
 def _attenuation(prefix: str, source: str, of: str) -> dict[str, Column]:
     return _by_channel(
         f"{prefix}attenuation", f"{source}.water.attenuation", "attenuation β", "m-1",
-        "Beam attenuation as the camera's channel sees it (Roser et al. 2014, eq. 1)",
+        "Beam attenuation as seen by the channel of the camera (Roser et al. 2014, eq. 1)",
         BEAM, "" if prefix else "status", of)
 
 
@@ -142,14 +142,14 @@ def _visibility(prefix: str, source: str, of: str) -> dict[str, Column]:
         **_with_stddev(
             f"{prefix}mean_attenuation", f"{source}.visibility.mean_attenuation",
             f"mean attenuation α{of}", "m-1",
-            "Mean over the channels that have light of what the water attenuates beyond clear sea "
-            "water (Roser et al. 2014, eq. 9)", f"{BEAM}_corrected_for_pure_water_attenuance",
+            "Attenuation beyond that of clear sea water, mean over the channels that have light "
+            "(Roser et al. 2014, eq. 9)", f"{BEAM}_corrected_for_pure_water_attenuance",
             "" if prefix else "status"),
         **_with_stddev(
             f"{prefix}visibility_distance", f"{source}.visibility.distance",
             f"visibility distance{of}", "m",
-            "Distance at which contrast is down to the one that parameter assessment.contrast "
-            "names, 5 % if not changed, in the clearest channel: "
+            "Distance at which contrast in the clearest channel has fallen to parameter "
+            "assessment.contrast, by default 5 %: "
             "ln((1 - C)/(2 C) + 1)/min β, 2.35/min β (Roser et al. 2014, eq. 11-12)",
             status="" if prefix else "visibility_status"),
         **_interval(
@@ -189,7 +189,8 @@ def _derived(prefix: str, of: str) -> dict[str, Column]:
             f"{source}.water_type_likelihood", f"likelihood of that type{of}", "1",
             "Its share of the likelihood of all ten types"),
         f"{prefix}water_type_status": _choice(
-            f"{source}.water_type_status", f"why no water type is told{of}", Status),
+            f"{source}.water_type_status", f"whether the water type was assessed{of}, or why not",
+            Status),
     }
 
 
@@ -207,12 +208,12 @@ COLUMNS: dict[str, Column] = {
         "record.time", "time at which the left image was received", "s", "As stamp"),
     "status": _choice(
         "estimate.water.status", "whether attenuation was assessed, or why not", Status,
-        **{FAILED: "the frame gave no result; the column reason says why"}),
+        **{FAILED: "the frame has no result; the column reason says why"}),
     "visibility_status": _choice(
         "estimate.visibility.status", "whether visibility was assessed, or why not", Status),
     "depth_status": _choice(
         "estimate.visibility.depth_status", "whether depth was assessed, or why not", Status),
-    "reason": Column("text", "why the frame gave no result", source="record.reason"),
+    "reason": Column("text", "why the frame has no result", source="record.reason"),
     **_attenuation("", "estimate", ""),
     **_by_channel(
         "ambient_light", "estimate.water.ambient_light", "ambient light I∞", "1",
@@ -221,7 +222,7 @@ COLUMNS: dict[str, Column] = {
     "depth_precision": _number(
         "estimate.visibility.depth_precision",
         "part of depth's standard deviation that differs between frames", "m",
-        "Without what is not known of water type and white balance, which stay the same"),
+        "Without the errors of water type and white balance, which are the same in all frames"),
     **_derived("", ""),
     **_attenuation("filtered_", "filtered", FILTERED),
     **_visibility("filtered_", "filtered", FILTERED),
@@ -230,20 +231,20 @@ COLUMNS: dict[str, Column] = {
         "filtered.visibility.status", f"whether visibility was assessed{FILTERED}, or why not",
         Status),
     "filtering": _choice(
-        "filtered.event", "what the frame did to the filter's state", TrackingEvent),
+        "filtered.event", "effect of the frame on the state of the filter", TrackingEvent),
     "survey_frames": _integer(
-        "filtered.survey.frames", "frames that the filtered state is a survey of",
+        "filtered.survey.frames", "frames of the survey that gives the filtered state",
         "number_of_observations"),
     "survey_range_min": _number(
         "filtered.survey.range_min", "least range of the survey", "m"),
     "survey_range_max": _number(
         "filtered.survey.range_max", "largest range of the survey", "m"),
-    "range_min": _number("estimate.ranges.0", "least range that attenuation rests on", "m"),
-    "range_max": _number("estimate.ranges.1", "largest range that attenuation rests on", "m"),
+    "range_min": _number("estimate.ranges.0", "least range used for attenuation", "m"),
+    "range_max": _number("estimate.ranges.1", "largest range used for attenuation", "m"),
     "support_points": _integer(
         "estimate.support_points", "support points of step 1", "number_of_observations"),
     "coverage": _number(
-        "estimate.coverage", "part of the left image that their mesh covers", "1"),
+        "estimate.coverage", "part of the left image covered by their mesh", "1"),
     "matched_fraction": _number(
         "estimate.matched_fraction", "matched part of the left image", "1"),
     "matched_fraction_original": _number(
@@ -256,31 +257,31 @@ COLUMNS: dict[str, Column] = {
     "innovation": _number("comparison.innovation", "sensor minus estimate", "m"),
     "nis": _number("comparison.nis", "squared innovation over its variance", "1"),
     "plausibility": _choice("verdict", "verdict on the depth sensor", Verdict),
-    "plausibility_reason": Column("text", "why that is not ok", source="verdict_reason"),
+    "plausibility_reason": Column("text", "why the verdict is not ok", source="verdict_reason"),
     "longitude": _number("longitude", "longitude", "degrees_east", "WGS 84", "longitude"),
     "latitude": _number("latitude", "latitude", "degrees_north", "WGS 84", "latitude"),
     "x": _number("x", "position x of the recorded Odometry", "m"),
     "y": _number("y", "position y of the recorded Odometry", "m"),
 }
-"""Columns of ``frames.csv`` by name, in order; empty = not known."""
+"""Columns of ``frames.csv`` by name, in order; empty cells are unknown."""
 
 TURBIDITY = {
     name: column for prefix, of in (("", ""), ("filtered_", FILTERED))
     for name, column in _with_stddev(
         f"{prefix}turbidity", f"{prefix}turbidity", f"turbidity{of}", "1",
-        "FNU as the user's own sensor would read, by a line fitted to it over the beam "
-        "attenuation of the green channel (replay --turbidity)", "sea_water_turbidity",
+        "FNU of the user's own sensor, by a line fitted to it over the beam attenuation of the "
+        "green channel (replay --turbidity)", "sea_water_turbidity",
     ).items()
 }
-"""Columns that a fit to a turbidity sensor adds."""
+"""Columns added by a fit to a turbidity sensor."""
 
 TRANSECT = "transect"
-TRANSECT_COLUMN = Column("text", "recording that the frame is of", description="Name of its folder")
-"""Column that tables of several recordings begin with."""
+TRANSECT_COLUMN = Column("text", "recording of the frame", description="Name of its folder")
+"""First column of tables of several recordings."""
 
 
 def joined_column(title: str, index: int, unit: str = "") -> Column:
     """Return the column of the joined topic at an index."""
     return _number(
-        f"scalars.{index}", f"{title}, at the frame's stamp", unit,
+        f"scalars.{index}", f"{title}, at the stamp of the frame", unit,
         "" if unit else "In the unit of the recording")

@@ -1,9 +1,9 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Log of a replay's frames as JSON lines, so that it can be resumed.
+"""Log of the frames of a replay as JSON lines, so that it can be resumed.
 
-Numbers come back bit for bit: single ones are written as ``float.hex`` does, arrays as their
-bytes. Nothing of the file is executed: it may have been handed on with its folder.
+Numbers are restored bit by bit: floats are written by ``float.hex``, arrays as bytes. Nothing in
+the file is executed, because it may come from elsewhere with its folder.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from uw_visibility.water.observations import Envelopes
 
 NAME = "frames.jsonl"
 
-# A frame takes some 60 kB.
+# A frame takes about 60 kB.
 _LONGEST_LINE = 1 << 22
 _DTYPES = ("<f8", "<f4", "<i8")
 _CLASSES: dict[str, type[Any]] = {
@@ -52,14 +52,14 @@ _SHAPES: dict[type[Any], dict[str, tuple[int, ...]]] = {
 
 
 def line_of(record: FrameRecord) -> str:
-    """Return the line of a frame's record."""
+    """Return the line for the record of a frame."""
     return json.dumps(_encoded(record)) + "\n"
 
 
 def read_records(folder: Path) -> Iterator[FrameRecord]:
-    """Yield the records of a replay's folder; a last line that is cut off is left out.
+    """Yield the records in the folder of a replay, without a truncated last line.
 
-    Raises `InputError` if the file is no log of frames.
+    Raises `InputError` if the file is not a log of frames.
     """
     path = folder / NAME
     if not path.is_file():
@@ -75,17 +75,17 @@ def read_records(folder: Path) -> Iterator[FrameRecord]:
                     raise TypeError(type(record))
             except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
                 raise InputError(
-                    f"{path}, line {number}, is no frame of a replay: --force begins anew"
+                    f"{path}, line {number}, is not a frame of a replay: --force starts over"
                 ) from error
             yield record
 
 
 def _encoded(value: Any) -> Any:
-    """Return a record or its parts as JSON values."""
+    """Return a record or a part of it as JSON values."""
     if value is None or isinstance(value, Status):
         return value
     if isinstance(value, GroundView):
-        # Left out: ten times as large as all else. A resumed survey starts new tracks.
+        # Left out, since ten times as large as the rest. A resumed survey starts new tracks.
         return None
     if isinstance(value, np.ndarray):
         kind = value.dtype.newbyteorder("<").str
@@ -121,7 +121,7 @@ def _decoded(value: Any) -> Any:
 
 
 def _made(kind: type[Any], found: dict[str, Any]) -> Any:
-    """Make a record of its fields."""
+    """Make a record from its fields, after a check of types and shapes."""
     shapes = _SHAPES.get(kind, {})
     for name, hint in get_type_hints(kind).items():
         if hint is Status:
@@ -140,6 +140,6 @@ def _made(kind: type[Any], found: dict[str, Any]) -> Any:
 
 
 def _is_a(value: Any, hint: Any) -> bool:
-    """Tell whether a value is of a type or a union; of generic types only their origin counts."""
+    """Return whether a value has a type or one of a union; generic types by their origin only."""
     options = get_args(hint) if isinstance(hint, UnionType) else (hint,)
     return any(type(value) is (get_origin(option) or option) for option in options)

@@ -27,7 +27,7 @@ from uw_visibility.replay.progress import progress_bar, tell
 from uw_visibility.water.lamps.calibration import LampCalibration, calibrate_lamps
 from uw_visibility.water.lamps.tracks import PointTracker, Sightings
 
-# Numbers of tracks per recording.
+# Track numbers reserved for each recording.
 TRACKS = 1 << 32
 # Start positions of the search, m: beside, above and below the cameras.
 ASIDE, ALONG = 0.45, (-0.3, 0.0, 0.3)
@@ -40,14 +40,14 @@ def calibrate_lighting(
 
     bags: recordings with the same lamps, exposure and water.
     options: parameters, with the lamps to start from, topics, and the part to use.
-    lamps: how many there are, where the parameters name none: 1, 2 or 4.
-    Returns what was found, how many frames were used, and what of the recordings could not be read.
+    lamps: number of lamps, 1, 2 or 4, if the parameters name none.
+    Returns the calibration, the number of frames used, and unreadable parts of the recordings.
     """
     lighting = options.pipeline.lighting
     if lamps is None and lighting.model not in ("lamps", "auto"):
         raise InputError(
-            "--lighting needs to know how many lamps there are: give --lamps N, or their places "
-            "about as they are with lighting.model: lamps in --params-file")
+            "--lighting needs the number of lamps: give --lamps N, or approximate positions with "
+            "lighting.model: lamps in --params-file")
     guesses = [list(lighting.lamps())] if lamps is None else rigs(lamps)
     if lamps is not None:
         # The lamps do not change ranges.
@@ -77,7 +77,7 @@ def rigs(count: int) -> list[list[Lamp]]:
     }
     if count not in aside:
         raise InputError(
-            f"--lamps is {count}: give 1, 2 or 4, or the places of others in --params-file")
+            f"--lamps is {count}: give 1, 2 or 4, or the positions of others in --params-file")
     return [
         [Lamp((x, y, 0.0), (0.0, 0.0, 1.0), 90.0, (1.0, 1.0, 1.0)) for x, y in places]
         for places in aside[count]]
@@ -86,7 +86,7 @@ def rigs(count: int) -> list[list[Lamp]]:
 def _sightings(
     reader: BagReader, bag: Path, options: ReplayOptions, reasons: Counter[str], first: int
 ) -> Iterator[Sightings]:
-    """Yield the points of each frame that can be used; count why others cannot."""
+    """Yield the tracked points of usable frames; count the reasons for others."""
     stream = InputStream(reader, options)
     pairs = FrameReader(stream.selection.rectify)
     pipeline: Pipeline | None = None
@@ -103,9 +103,9 @@ def _sightings(
 
 
 def _observe(pair: StereoPair, pipeline: Pipeline, tracker: PointTracker) -> Sightings:
-    """Follow points of the ground to a frame, and return their light in it."""
+    """Track points of the ground to a frame, and return their light in it."""
     if pair.left.ndim != 3:
-        raise InputError("lamps are calibrated from images in colour: these are grey")
+        raise InputError("lamps are calibrated from colour images: these are grey")
     result = pipeline.process(
         pair.left, pair.right, valid=pair.valid, enhance=(), confidence=False,
         colour=pair.chroma)
@@ -132,7 +132,7 @@ ARROW = 0.3
 
 
 def draw_calibration(path: Path, found: LampCalibration) -> None:
-    """Draw lamp positions from above and behind, and the departure of the light from the model."""
+    """Draw lamp positions from above and behind, and deviations of the light from the model."""
     figure = Figure(figsize=(12.0, 4.2), layout="constrained")
     behind, above, light = figure.subplots(1, 3)
     for axes, (i, j), label in ((behind, (0, 1), "down"), (above, (0, 2), "forward")):
@@ -152,10 +152,10 @@ def draw_calibration(path: Path, found: LampCalibration) -> None:
         axes.set_ylabel(f"{label} [m]")
         axes.grid(alpha=0.25)
     behind.invert_yaxis()
-    behind.set_title("as the camera looks, ± 1 σ")
+    behind.set_title("view of the camera, ± 1 σ")
     above.set_title("from above")
     for values, colour, label in (
-        (found.before, GUESSED, "lamps as guessed"),
+        (found.before, GUESSED, "lamps as first guessed"),
         (found.after, FOUND, "lamps as found"),
     ):
         departure = 100.0 * np.expm1(np.abs(values[:, 1]))
@@ -167,8 +167,8 @@ def draw_calibration(path: Path, found: LampCalibration) -> None:
              for k in range(12)],
             "o-", color=colour, label=label)
     light.set_xlabel("range [m]")
-    light.set_ylabel("median departure [%]")
-    light.set_title("light of a point, over the model's")
+    light.set_ylabel("median deviation [%]")
+    light.set_title("light of points, relative to the model")
     light.set_ylim(bottom=0.0)
     light.grid(alpha=0.25)
     light.legend(frameon=False)

@@ -26,22 +26,22 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class ReplayedFrame:
-    """Frame of a recording with the pipeline's result and messages.
+    """Frame of a recording with result of the pipeline and messages.
 
     Attributes
     ----------
     number : int
-        Among the recording's frames.
+        Number of the frame in the recording.
     stamp : int
         Stamp of the left image, ns.
     time : int
-        When the left image was received, ns.
+        Time at which the left image was received, ns.
     result : FrameResult
-        What the pipeline found.
+        Result of the pipeline.
     filtered : FilteredWater or None
-        The water's state filtered over the frames up to this one; None where tracking is off.
+        Water filtered over the frames up to this one; None without tracking.
     messages : dict of str to object
-        What the node would have published, by topic.
+        Messages that the node would publish, by topic.
     """
 
     number: int
@@ -65,26 +65,25 @@ def read(
 ) -> Iterator[ReplayedFrame]:
     """Yield the results of a recording, frame by frame.
 
-    Frames that cannot be used are logged as warnings, with the reason, and
-    left out.
+    Unusable frames are skipped, and logged as warnings with the reason.
 
     Parameters
     ----------
     bag : str or Path
         Folder of a ROS 2 bag, one of its files, or a .bag of ROS 1.
     parameters : mapping of str to object, optional
-        The node's, by name: ``{"rectify": True, "stereo.max_disparity": 96}``.
+        Parameters of the node, by name: ``{"rectify": True, "stereo.max_disparity": 96}``.
     topics : Wanted, optional
-        Topics that are not to be found by type and name.
+        Topics to use instead of those found by type and name.
     calibration : tuple of two objects, optional
-        Left and right CameraInfo, or what has their fields, instead of the
+        Left and right CameraInfo, or objects with their fields, instead of the
         recorded ones.
     start, duration : float
         Part of the recording, s.
     every : int
-        Process one frame of so many.
+        Process only every Nth frame.
     match_original : bool
-        Whether to match the raw pair too, for comparison.
+        Whether to match also the raw pair, for comparison.
 
     Yields
     ------

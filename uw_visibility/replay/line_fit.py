@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Straight line between an estimate and a sensor, with errors in both."""
+"""Fit of a straight line to a sensor over an estimate, with errors in both."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
 
 FEWEST = 8
-"""Frames that a fit needs."""
+"""Least number of frames for a fit."""
 LARGEST = float(np.finfo(np.float32).max)
-"""Largest number of a sensor: that of single precision, whose powers double precision holds."""
+"""Largest value of a sensor: that of single precision, so that its powers are finite doubles."""
 JACKKNIFE_BLOCKS = 10
-# How far beyond the fitted values the line is taken to go on, as a part of their span.
+# Margin of extrapolation beyond the fitted values, as a part of their range.
 BEYOND = 0.25
 
 
 @dataclass(frozen=True)
 class LineFit:
-    """Line y = intercept + slope · x through estimates x and a sensor's values y."""
+    """Line y = intercept + slope · x through estimates x and values y of a sensor."""
 
     source: str  # topic and field of the sensor
     against: str  # column of the estimates
     intercept: float
     slope: float
-    # intercept_stddev, slope_stddev, covariance: of both, by jackknife over blocks of frames, whose
-    # errors are alike
+    # intercept_stddev, slope_stddev, covariance: by jackknife over blocks of frames, since errors
+    # of neighbouring frames are correlated
     intercept_stddev: float
     slope_stddev: float
     covariance: float
-    # what the sensor's values differ by from the line, beyond the estimates' errors
+    # standard deviation of the sensor's values about the line, beyond errors of the estimates
     residual_stddev: float
     correlation: float  # of estimates and sensor
     # low, high: least and largest estimate
@@ -47,9 +47,9 @@ class LineFit:
     frames: int
 
     def predict(self, x: float, stddev: float) -> tuple[float, float]:
-        """Return what the sensor would say, and its standard deviation.
+        """Return the predicted value of the sensor and its standard deviation.
 
-        Returns NaN where the estimate is not known, or far outside of those fitted.
+        NaN if the estimate is unknown, or far outside the fitted range.
         """
         margin = BEYOND * (self.high - self.low)
         if not self.low - margin <= x <= self.high + margin:
@@ -66,9 +66,9 @@ class LineFit:
 
     @classmethod
     def read(cls, path: Path) -> LineFit:
-        """Read what `write` wrote.
+        """Read a file of `write`.
 
-        Raises `InputError` if the file is none.
+        Raises `InputError` if the file is not a fit.
         """
         content = read_document(path, "fit")
         try:
@@ -83,7 +83,7 @@ class LineFit:
             return cls(**values | {"frames": int(values["frames"])})
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise InputError(
-                f"{path} is no fit of a joined topic, {error}: give a fit_….json of replay --join"
+                f"{path} is not a fit of a joined topic, {error}: give fit_….json of replay --join"
             ) from error
 
 
@@ -92,14 +92,13 @@ def fit_line(
 ) -> LineFit | None:
     """Fit a line with errors in both coordinates: slope S_xy / (S_xx − σ²).
 
-    Errors of x flatten the line of y on x, so that their variance is taken from that of x;
-    at most so much that all values lie on the line, since a part of σ may be common to all
-    frames.
+    Errors of x flatten the line of y on x, so their variance σ² is subtracted from that of x, at
+    most until all values lie on the line: a part of σ may be common to all frames.
 
     x, x_stddev: (n,) float64, estimates and their standard deviations.
     y: (n,) float64, values of the sensor.
     source, against: names for the result.
-    Returns None where there are too few frames, or estimates or values are all the same.
+    Returns None for too few frames, or if all estimates or all values are the same.
 
     References
     ----------
@@ -107,7 +106,7 @@ def fit_line(
     """
     known = np.isfinite(x) & np.isfinite(x_stddev) & np.isfinite(y)
     x, x_stddev, y = x[known], x_stddev[known], y[known]
-    # Tiny differences underflow to zero variance, and rounding gives equal values some.
+    # Variance may underflow for tiny differences, and rounding may give equal values a variance.
     if len(x) < FEWEST or any(np.ptp(each) ** 2 == 0.0 or np.var(each) == 0.0 for each in (x, y)):
         return None
     # Centred, so that intercept and slope are uncorrelated.
@@ -120,7 +119,7 @@ def fit_line(
         parts.append(_line(x[kept] - centre, x_stddev[kept], y[kept])[:2])
     deviation = np.array(parts) - np.mean(parts, axis=0)
     covariance = (len(parts) - 1) / len(parts) * deviation.T @ deviation
-    # How much of the errors is alike in all frames is not known.
+    # Unknown part of the errors that is common to all frames.
     covariance[1, 1] += (slope - plain) ** 2 / 12.0
     turn = np.array([[1.0, -centre], [0.0, 1.0]])
     covariance = turn @ covariance @ turn.T
@@ -132,7 +131,7 @@ def fit_line(
 
 
 def _line(x: Array, x_stddev: Array, y: Array) -> tuple[float, float, float, float]:
-    """Return level at x = 0, slope, scatter of y, and the slope of y on x alone."""
+    """Return level at x = 0, slope, scatter of y, and slope of the regression of y on x."""
     (s_xx, s_xy), (_, s_yy) = np.cov(x, y)
     if s_xx == 0.0 or s_yy == 0.0:
         return float(y.mean()), 0.0, math.sqrt(s_yy), 0.0

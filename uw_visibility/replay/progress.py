@@ -19,8 +19,7 @@ PERIOD = 10.0
 class Progress:
     """Progress: frames done, rate, and time left.
 
-    The clock starts when the first frame is done: the time to compile or load kernels before
-    does not count.
+    The clock starts when the first frame is done, to exclude compiling and loading of kernels.
     """
 
     def __init__(self, name: str, total: int | None) -> None:
@@ -57,7 +56,7 @@ class Progress:
         if sys.stderr.isatty():
             from tqdm import tqdm
 
-            # What is there to begin with does not count for the rate.
+            # Initial frames do not count for the rate.
             self._bar = tqdm(
                 desc=self._name, total=self._total, file=sys.stderr, unit="frame",
                 dynamic_ncols=True, initial=1,
@@ -93,7 +92,7 @@ def progress_bar(items: Iterable[Item], name: str, total: int | None = None) -> 
 
 @contextmanager
 def compiling() -> Iterator[None]:
-    """Tell on standard error, every `PERIOD`, how many kernels were compiled meanwhile."""
+    """Print to standard error, every `PERIOD`, how many kernels were compiled."""
     # Numba loads slowly.
     from uw_visibility.compute.jit import counts
 
@@ -115,11 +114,11 @@ def compiling() -> Iterator[None]:
 
 
 def tell(text: str) -> None:
-    """Write a line to standard error, where that is a terminal."""
+    """Write a line to standard error, if that is a terminal."""
     if sys.stderr.isatty():
         print(text, file=sys.stderr)
 
 
 def say(line: str, *, error: bool = False) -> None:
-    """Print a line, which may hold text from outside: names of topics, files and frames."""
+    """Print a line, which may contain text from outside: names of topics, files and frames."""
     print(printable(line, LONGEST_MESSAGE), file=sys.stderr if error else sys.stdout)

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings and results in object stores, by fsspec: fetched, worked on here, and stored."""
+"""Recordings and results in object stores by fsspec: downloaded, processed here, uploaded."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from uw_visibility.replay.results.folder import (
 )
 
 Place: TypeAlias = Path | str
-"""Where a recording or a result is: a path of this machine, or a URL."""
+"""Location of a recording or a result: a path of this machine, or a URL."""
 
 PREFIX = "uw_visibility-"
 SCHEMES = (
     "s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "https", "http", "sftp", "ssh", "file",
     "memory",
 )
-"""Kinds of store. fsspec has others that run what they read, or read one place by another."""
+"""Allowed stores. Others of fsspec run code that they read, or chain URLs."""
 LARGEST = 1 << 40
-"""Bytes of a recording that is fetched; a day of pairs of two megapixels has no more."""
+"""Most bytes of a downloaded recording, enough for a day of pairs of two megapixels."""
 BLOCK = 1 << 20
 
 
 def place(text: str) -> Place:
-    """Return the place that a text names: a URL such as ``s3://bucket/dive``, or a path."""
+    """Return the place for a text: a URL such as ``s3://bucket/dive``, or a path."""
     if "://" not in text:
         return Path(text)
     check_urls([text])
@@ -47,24 +47,24 @@ def place(text: str) -> Place:
 
 
 def check_urls(places: Iterable[Place]) -> None:
-    """Refuse URLs of other stores than `SCHEMES`, and those that hold credentials.
+    """Refuse URLs of stores other than `SCHEMES`, and URLs with credentials.
 
-    Places are shown in reports, errors and lists of processes, which are no place for secrets.
+    Places appear in reports, errors and process lists, which must not contain secrets.
     """
     for url in (where for where in places if isinstance(where, str)):
         scheme, _, rest = url.partition("://")
-        # Behind :: fsspec takes another URL.
+        # After :: fsspec expects another URL.
         if scheme.lower() not in SCHEMES or "::" in rest:
             shown = scheme if re.fullmatch(r"[\w+.-]*", scheme) else "a URL within a URL"
             raise InputError(
-                f"{shown} is no kind of store that is used: give one of {', '.join(SCHEMES)}")
-        # A name alone is none: abfs has containers before @, and ssh users. HTTP has tokens
-        # there, and behind ?. A password may hold slashes.
+                f"{shown} is not a supported store: give one of {', '.join(SCHEMES)}")
+        # Names without password are allowed: abfs has containers before @, and ssh users. HTTP
+        # may have tokens there, and after ?. A password may contain slashes.
         web = scheme.lower() in ("http", "https")
         if re.match(r"(?s)[^/]*:.*@|.*[?#].*=" + (r"|[^/]*@|.*\?" if web else ""), rest):
             raise InputError(
-                f"a URL of {scheme} holds credentials, or what may be some (before @, behind ?): "
-                "leave them out, and give them by the store's settings, see docs/cluster.md")
+                f"a URL of {scheme} contains possible credentials (before @, after ?): leave them "
+                "out, and use the settings of the store, see docs/cluster.md")
 
 
 def child(folder: Place, name: str) -> Place:
@@ -78,9 +78,9 @@ def absolute(where: Place) -> Place:
 
 
 def expand(places: Iterable[Place]) -> list[Place]:
-    """Return places, and what URLs with wildcards among them name, which no shell expands.
+    """Return places, with wildcards of URLs expanded, which a shell does not do.
 
-    Raises `InputError` if one names nothing, or its store cannot be read.
+    Raises `InputError` if a wildcard matches nothing, or its store cannot be read.
     """
     found: list[Place] = []
     for where in places:
@@ -90,7 +90,7 @@ def expand(places: Iterable[Place]) -> list[Place]:
         with _opened(where) as (store, path):
             names = sorted(store.glob(path))
         if not names:
-            raise InputError(f"nothing is at {where}")
+            raise InputError(f"nothing matches {where}")
         # Paths of some stores begin with a slash, those of others do not.
         before = where.removesuffix(path.lstrip("/"))
         found += [
@@ -100,9 +100,9 @@ def expand(places: Iterable[Place]) -> list[Place]:
 
 
 def recording_name(bag: Place) -> str:
-    """Return the name of a recording: that of its folder, or of its file without the format."""
+    """Return the name of a recording: name of its folder, or of its file without suffix."""
     if isinstance(bag, Path):
-        # A folder's name may have dots in it, a file's ends with its format.
+        # Names of folders may contain dots.
         return bag.resolve().name if bag.is_dir() else bag.stem
     with _opened(bag) as (store, path):
         return PurePosixPath(bag).name if store.isdir(path) else PurePosixPath(bag).stem
@@ -110,7 +110,7 @@ def recording_name(bag: Place) -> str:
 
 @contextmanager
 def recording_here(bag: Place) -> Iterator[Path]:
-    """Yield the path of a recording; one at a URL is fetched to a temporary folder."""
+    """Yield the path of a recording; one at a URL is downloaded to a temporary folder."""
     if isinstance(bag, Path):
         yield bag
         return
@@ -125,9 +125,9 @@ def recording_here(bag: Place) -> Iterator[Path]:
 
 @contextmanager
 def recordings_here(bags: Sequence[Place]) -> Iterator[list[Path]]:
-    """Fetch several recordings, those that wildcards stand for too, as `recording_here` does.
+    """Yield the paths of several recordings, see `recording_here`; wildcards are expanded.
 
-    Raises `InputError` if one cannot be fetched.
+    Raises `InputError` if one cannot be downloaded.
     """
     with ExitStack() as fetched:
         yield [fetched.enter_context(recording_here(bag)) for bag in expand(bags)]
@@ -135,9 +135,9 @@ def recordings_here(bags: Sequence[Place]) -> Iterator[list[Path]]:
 
 @contextmanager
 def result_here(target: Place, *, force: bool = False) -> Iterator[Path]:
-    """Yield the folder to make for a result; for a URL, store it when it is complete.
+    """Yield the folder to make for a result; for a URL, upload it when it is complete.
 
-    Where something else has appeared at the URL meanwhile, it is stored beside (`InputError`).
+    If something else appeared at the URL meanwhile, it is uploaded beside it (`InputError`).
     """
     if isinstance(target, Path):
         yield target
@@ -158,7 +158,7 @@ def result_here(target: Place, *, force: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def results_here(output: Place, results: Sequence[Place], names: Sequence[str]) -> Iterator[Path]:
-    """Yield the folder of several results; for a URL, fetch files of each, and store new files."""
+    """Yield the folder of several results; for URLs, download files of each, upload new files."""
     if isinstance(output, Path):
         yield output
         return
@@ -179,9 +179,9 @@ def results_here(output: Place, results: Sequence[Place], names: Sequence[str]) 
 
 @contextmanager
 def files_here(result: Place, names: Iterable[str]) -> Iterator[Path]:
-    """Yield a folder that has some files of a result; for a URL, fetch them.
+    """Yield a folder with some files of a result; for a URL, download them.
 
-    Raises `InputError` if one is missing there.
+    Raises `InputError` if one is missing.
     """
     if isinstance(result, Path):
         yield result
@@ -213,9 +213,9 @@ def exists(where: Place) -> bool:
 
 
 def _replaced(store: Any, path: str, target: str, force: bool) -> list[str]:
-    """Return the names of all that is at a place, where it may be replaced; the mark first."""
+    """Return the names of all files at a place, if they may be replaced; the mark first."""
     names = [
-        # The place may be a file itself.
+        # The place may be a file.
         PurePosixPath(name).relative_to(path).as_posix() for name in store.find(path)]
     if not names:
         return []
@@ -231,12 +231,12 @@ def _fetch(store: Any, path: str, here: Path) -> None:
             _fetch_files(store, {path: here})
         return
     files = {}
-    # A recording has no folders within; a page of the web leads to any number of others.
+    # Recordings have no folders, and web pages may link to any number of them.
     for name in store.find(path, maxdepth=1):
         relative = PurePosixPath(name).relative_to(path)
-        # Whoever names the objects must not choose where on this machine they go.
+        # Names of objects must not determine other folders on this machine.
         if ".." in relative.parts:
-            raise InputError(f"the store has an object outside of its folder: {name!r}")
+            raise InputError(f"the store has an object outside its folder: {name!r}")
         files[name] = here / relative
     if files:
         here.mkdir()
@@ -244,13 +244,13 @@ def _fetch(store: Any, path: str, here: Path) -> None:
 
 
 def _fetch_files(store: Any, files: Mapping[str, Path]) -> None:
-    """Fetch files, as many bytes as there may be."""
+    """Download files, up to a limit of bytes."""
     folder = Path(tempfile.gettempdir())
     most = min(LARGEST, shutil.disk_usage(folder).free // 2)
     too_much = InputError(
-        f"{next(iter(files), '')} and what is beside it has more than {most / 1e9:.3g} GB, which "
-        f"is half of the room in {folder} or the most that is fetched: name a folder with more "
-        "room in TMPDIR, or fetch it yourself and give the folder")
+        f"{next(iter(files), '')} and the files beside it have more than {most / 1e9:.3g} GB, half "
+        f"of the free space in {folder} or the limit of downloads: set TMPDIR to a folder with "
+        "more space, or download them yourself and give the folder")
     if sum(store.size(name) or 0 for name in files) > most:
         raise too_much
     for name, here in files.items():
@@ -263,7 +263,7 @@ def _fetch_files(store: Any, files: Mapping[str, Path]) -> None:
 
 
 def _put(store: Any, path: str, folder: Path) -> None:
-    """Store a result; its mark last, so that what has it is complete."""
+    """Upload a result, its mark last, so that results with a mark are complete."""
     files = sorted(file for file in folder.rglob("*") if file.is_file())
     for file in sorted(files, key=lambda file: file == folder / MARK):
         name = f"{path}/{file.relative_to(folder).as_posix()}"
@@ -273,13 +273,13 @@ def _put(store: Any, path: str, folder: Path) -> None:
 
 @contextmanager
 def _opened(url: Place, work: str = "read") -> Iterator[tuple[Any, str]]:
-    """Yield the store of a URL, and the path within it, to read or to write."""
+    """Yield the store of a URL and the path in it; `work` is "read" or "write", for errors."""
     check_urls([url])
     with needing("stores", str(url)):
         fsspec = importlib.import_module("fsspec.core")
     with refusing(f"cannot use {url}", Exception):
         store, path = fsspec.url_to_fs(str(url))
-    # What was listed before may have changed since.
+    # Cached listings may be out of date.
     store.invalidate_cache()
     with refusing(f"cannot {work} {url}", Exception):
         yield store, str(path)

@@ -1,8 +1,8 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Table of a replay, frames.csv: one row a frame; `columns` says what is in it.
+"""Table of a replay, frames.csv: one row per frame; its columns are in `columns`.
 
-Beside it lies its dictionary, as CSV on the Web has it (W3C, tabular metadata).
+Its data dictionary is beside it, by CSV on the Web (W3C, tabular metadata).
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ Columns = Mapping[str, NDArray]
 """Columns of a table by name, as `read_table` returns them."""
 
 SUFFIX = "-metadata.json"
-"""Where CSV on the Web looks for the dictionary of a table: behind its name."""
+"""Suffix of the dictionary of a table, by CSV on the Web."""
 
 _DATATYPES = {"integer": "integer", "number": "double", "datetime": "dateTime"}
-# Codes of `array`.
+# Type codes of `array`.
 _CODES = {"integer": "d", "number": "d", "datetime": "q"}
 
 
 class TableWriter:
-    """Table writer: rows as they come, so that an interruption loses none."""
+    """Table writer that writes rows at once, so that an interruption loses none."""
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
         self.columns = tuple(columns)
@@ -42,7 +42,7 @@ class TableWriter:
         self._writer.writeheader()
 
     def write(self, row: Mapping[str, Any]) -> None:
-        """Write a row; columns that it lacks stay empty."""
+        """Write a row; missing columns stay empty."""
         self._writer.writerow({name: cell(value) for name, value in row.items()})
         self._file.flush()
 
@@ -51,7 +51,7 @@ class TableWriter:
 
 
 def read_rows(path: Path) -> Iterator[dict[str, str]]:
-    """Yield the rows of a table, as text; a last row that is cut off is left out.
+    """Yield the rows of a table as text, without a truncated last row.
 
     Raises `InputError` if the table is damaged.
     """
@@ -67,8 +67,8 @@ def read_rows(path: Path) -> Iterator[dict[str, str]]:
 def read_table(path: Path, columns: Mapping[str, Column]) -> dict[str, NDArray]:
     """Read columns of a table.
 
-    Returns dict of str to (n,): float64 for numbers, NaN where they are not known; int64, ns since
-    1970, for times of the kind "datetime"; object (str) for texts.
+    Returns dict of str to (n,): float64 for numbers, NaN if unknown; int64, ns since 1970, for
+    times of the kind "datetime"; object (str) for texts.
     """
     found: dict[str, Any] = {
         name: array(_CODES[column.kind]) if column.kind in _CODES else []
@@ -85,17 +85,17 @@ def read_table(path: Path, columns: Mapping[str, Column]) -> dict[str, NDArray]:
 
 
 def _parser(kind: str) -> Callable[[str], Any]:
-    """Return what turns a cell's text into a value of a column's kind."""
+    """Return the parser of cells for a kind of column."""
     if kind in ("integer", "number"):
         return lambda text: float(text or "nan")
     if kind == "datetime":
         return lambda text: int(np.datetime64(text.removesuffix("Z"), "ns").astype(np.int64))
-    # Most texts of a column are one of a few words.
+    # Most columns of text have few different words.
     return sys.intern
 
 
 def write_dictionary(table: Path, columns: Mapping[str, Column]) -> None:
-    """Write beside a table what its columns are: names, units, definitions, standard names.
+    """Write the dictionary of a table: names, units, definitions, standard names of columns.
 
     References
     ----------
@@ -105,7 +105,7 @@ def write_dictionary(table: Path, columns: Mapping[str, Column]) -> None:
     content = {
         "@context": ["http://www.w3.org/ns/csvw", {"@language": "en"}],
         "url": table.name,
-        "dc:title": "Water attenuation, visibility and depth, one row a stereo frame",
+        "dc:title": "Water attenuation, visibility and depth, one row per stereo frame",
         "dialect": {"header": True, "encoding": "utf-8"},
         "tableSchema": {
             "columns": [_described(name, column) for name, column in columns.items()],
@@ -128,7 +128,7 @@ def _described(name: str, column: Column) -> dict[str, Any]:
             f"standard deviation of {column.stddev_of}" if column.stddev_of else "",
     }
     if column.choices:
-        # What stands in the table, and what it says in reports and messages.
+        # Words of the table, with their sentences in reports and messages.
         described["schema:valueReference"] = [
             {"schema:value": choice, "schema:description": meaning}
             for choice, meaning in zip(column.choices, column.meanings, strict=True)]
@@ -136,5 +136,5 @@ def _described(name: str, column: Column) -> dict[str, Any]:
 
 
 def _literal(text: str) -> str:
-    """Return a regular expression for a text as it is, in the dialect of XML Schema."""
+    """Return a text escaped as regular expression of XML Schema."""
     return "".join(f"\\{c}" if c in r"\|.?*+(){}[]^$-" else c for c in text)

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Processing of recorded frames, in this process or in several.
 
-The processes compute what depends on one frame alone. State from frame to frame is kept where
-the answers arrive, in the order of the recording, so that the number of processes changes only the
-time that a replay takes.
+Processes compute what depends on a single frame. The receiver of the answers keeps the state
+between frames, in the order of the recording, so that results do not depend on the number of
+processes.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ from uw_visibility.water.series.filter import FilteredWater, KnownWater, WaterFi
 class Recording:
     """Options and topics that all frames of a recording share."""
 
-    key: str  # tells recordings apart
-    channels: Mapping[str, Channel]  # definitions by type of message
+    key: str  # unique for each recording
+    channels: Mapping[str, Channel]  # definitions by message type
     ros1: bool
     pipeline: PipelineConfig
     node: NodeConfig
-    topics: tuple[str, ...]  # outputs to make of each frame
+    topics: tuple[str, ...]  # outputs of each frame
     match_original: bool = False
 
     @classmethod
@@ -64,7 +64,7 @@ class Recording:
 
 @dataclass(frozen=True)
 class FrameTask:
-    """Task: a frame to work on, with light of lamps and water of the frames before, where known."""
+    """Task: a frame to process, with light of lamps and water of earlier frames, if known."""
 
     recording: Recording
     frame: RecordedFrame
@@ -74,10 +74,10 @@ class FrameTask:
 
 @dataclass(frozen=True)
 class FrameAnswer:
-    """Answer to a frame's task: record, and topics and serialised messages (CDR).
+    """Answer to a task: record of the frame, topics and serialised messages (CDR).
 
-    Messages are in the order of publishing. `asked`: images depend on the water of the frames
-    before. `resumed`: it is of an earlier part of the replay.
+    Messages are in the order of publishing. `asked`: images depend on the water of earlier
+    frames. `resumed`: from an earlier, interrupted replay.
     """
 
     record: FrameRecord
@@ -98,7 +98,7 @@ class RecordingProcessor:
         self, frame: RecordedFrame, known_light: LampLight | None = None,
         known_water: KnownWater | None = None,
     ) -> FrameAnswer:
-        """Process a frame; an error costs this frame only."""
+        """Process a frame; an error loses only this frame."""
         asked = []
         recording = self._recording
 
@@ -149,10 +149,10 @@ _processors: dict[str, RecordingProcessor] = {}
 
 
 def answer(task: FrameTask) -> FrameAnswer:
-    """Work on a frame in this process, which keeps what the recording's frames share."""
+    """Process a frame in this process, which caches the processor of its recording."""
     key = task.recording.key
     if key not in _processors:
-        # Recordings are replayed in turn: an earlier one is done, or nearly done.
+        # Recordings are replayed in turn: earlier ones are done, or nearly done.
         while len(_processors) > 1:
             del _processors[next(iter(_processors))]
         _processors[key] = RecordingProcessor(task.recording)
@@ -161,7 +161,7 @@ def answer(task: FrameTask) -> FrameAnswer:
 
 Other = TypeVar("Other")
 
-# Frames that are read ahead, for each process: enough that none waits, few enough for memory.
+# Frames read ahead per process, so that none waits, within the memory.
 READ_AHEAD = 2
 
 
@@ -171,7 +171,7 @@ class _Given(NamedTuple):
 
 
 class FramePool:
-    """Pool for frames, of `frame_pool`: one process works in this one, without an executor."""
+    """Pool of processes, see `frame_pool`; with one job this process, without an executor."""
 
     def __init__(self, jobs: int, executor: Executor | None = None) -> None:
         self._jobs = jobs
@@ -179,17 +179,17 @@ class FramePool:
 
     @property
     def read_ahead(self) -> int:
-        """Tasks that may be unanswered when the next one is given."""
+        """Most unanswered tasks when the next one is given."""
         return 0 if self._jobs == 1 else READ_AHEAD * self._jobs
 
     def answers(
         self, items: Iterable[FrameTask | Other],
         known: Callable[[], KnownWater | None] = lambda: None,
     ) -> Iterator[FrameAnswer | Other]:
-        """Yield the answers to tasks in the order of the items; hand on what is no task.
+        """Yield the answers to tasks in the order of the items, and other items unchanged.
 
-        `known` returns the water by the answers yielded so far. Processes that work ahead do not
-        know it: frames that depend on it are processed again.
+        `known` returns the water after the answers yielded so far. Processes that work ahead do
+        not have it: frames that depend on it are processed again.
         """
         waiting: deque[_Given | Other] = deque()
         tasks = 0
@@ -227,7 +227,7 @@ class FramePool:
 @contextmanager
 def frame_pool(jobs: int, config: PipelineConfig) -> Iterator[FramePool]:
     """Open a pool of `jobs` processes, warmed up for a configuration."""
-    # Once here, not in each process or with each frame.
+    # Once here, instead of in each process or for each frame.
     try_out(config)
     if jobs == 1:
         warm_up(config)
@@ -238,16 +238,16 @@ def frame_pool(jobs: int, config: PipelineConfig) -> Iterator[FramePool]:
 
 
 def _begin(config: PipelineConfig) -> None:
-    # Ctrl-C reaches every process of a terminal; the first one ends the others.
+    # Ctrl-C reaches all processes of a terminal; the parent ends the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     warm_up(config)
 
 
 class LightHistory:
-    """History of the lamps' light after each answered frame.
+    """History of the light of lamps after each answered frame.
 
-    A frame gets the light up to `ahead` frames before it: as many as may be unanswered when
-    its task is given, so that it does not depend on which process is fast.
+    A frame gets the light after the frame `ahead` + 1 before it, since `ahead` frames may be
+    unanswered when its task is given. Results thus do not depend on the speed of processes.
     """
 
     def __init__(self, ahead: int) -> None:
@@ -257,11 +257,11 @@ class LightHistory:
 
     def add(self, light: LampLight | None) -> None:
         """Add the light after the next answered frame."""
-        # The observations behind it are large, and restoration does not need them.
+        # Its observations are large, and restoration does not need them.
         self._lights.append(None if light is None else replace(light, nodes=None, ground=None))
 
     def next(self) -> LampLight | None:
-        """Light for the next frame; None before any is known."""
+        """Light for the next frame; None if none is known yet."""
         if self._given > self._ahead:
             self._lights.popleft()
         self._given += 1

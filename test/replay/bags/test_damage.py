@@ -88,7 +88,7 @@ def test_a_damaged_chunk_of_ros1_ends_the_messages_and_is_told(
         read = len(list(reader.messages(["/left/image_rect"])))
         (note,) = reader.damage
     assert 0 < read < 4 * FRAMES
-    assert "rosbag reindex" in note and "what comes before is read" in note
+    assert "rosbag reindex" in note and "read up to the damage" in note
 
 
 def test_a_damaged_chunk_in_the_middle_costs_what_it_holds(
@@ -249,5 +249,5 @@ def test_nothing_readable_is_exit_code_1_and_no_bag_is_2(
     assert run(tmp_path / "nowhere", tmp_path / "out").code == 2
     (tmp_path / "notes.txt").write_text("x")
     assert run(tmp_path / "notes.txt", tmp_path / "out").code == 2
-    assert "no recording" in capsys.readouterr().err
+    assert "is not a recording" in capsys.readouterr().err
     assert not list(tmp_path.glob("out*"))

@@ -168,7 +168,7 @@ def test_rows_of_another_type_are_counted_as_lost(
         known = (column, value) == ("timestamp", "2000000000")
         assert len(read) == FRAMES - 2 * (not known)
         if column != "topic_id" and not known:
-            assert any("2 rows that are no messages" in note for note in reader.damage)
+            assert any("2 rows that are not messages" in note for note in reader.damage)
         assert reader.channels["/left/image_rect"].count == FRAMES
 
 

@@ -52,7 +52,7 @@ def test_raw_or_rectified_colour_and_uncompressed_are_preferred_as_asked_for() -
     assert find(topics).left == "/left/image_rect"
     assert find(topics, rectify=True).left == "/left/image_raw"
     assert find(topics, rectify=True).rectify
-    assert "rather than" in find(topics).notes[0]
+    assert "used instead of" in find(topics).notes[0]
     compressed = camera("/{}", "image_rect/compressed", kind=COMPRESSED)
     found = find(compressed)
     assert (found.left, found.left_info) == ("/left/image_rect/compressed", "/left/camera_info")

@@ -178,7 +178,7 @@ def test_a_mouse_over_a_figure_chooses_what_its_values_are_then_told_of(
         "([x, y]) => document.elementFromPoint(x, y).textContent",
         [after["x"] + after["width"] / 2.0, y])
     assert pointed == text
-    assert "by itself" in text
+    assert "single frame" in text
 
 
 @pytest.mark.parametrize("width", [390, 1280])

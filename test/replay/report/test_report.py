@@ -223,10 +223,10 @@ def test_frames_that_the_filter_rejected_are_told(
     })
     done = run(dive, tmp_path / "out", "--params-file", str(params), capsys=capsys)
     events = [row["filtering"] for row in done.rows]
-    rejected, followed = events.count("outlier"), events.count("restarted")
+    rejected, accepted = events.count("outlier"), events.count("restarted")
     assert rejected > 0
     told = f"The filter rejected {rejected} of {len(events)} frames"
-    told += f", and followed {followed} run" * (followed > 0)
+    told += f", and accepted {accepted} run" * (accepted > 0)
     state = json.loads((tmp_path / "out" / "replay.json").read_text())
     assert state["filtering"]["outlier"] == rejected
     assert told in said(Page(tmp_path / "out" / "report.html").text)
@@ -394,9 +394,9 @@ def test_a_figure_shows_clock_time_and_values_to_point_at() -> None:
     drawn = draw_series(columns)[0].drawing
     for text in (">time (UTC)<", ">22:15<", ">2023-11-14<", ">filtered, ± 1 σ<"):
         assert text in drawn
-    shown = "frame 2, 22:15:20 UTC; by itself 6.00 ± 0.50 m; filtered 7.00 ± 0.25 m"
+    shown = "frame 2, 22:15:20 UTC; single frame 6.00 ± 0.50 m; filtered 7.00 ± 0.25 m"
     assert f"<title>{shown}</title>" in drawn
-    assert "frames by themselves: 9 of 9 known, from 5.00 to 9.00 m, median 7.00" in drawn
+    assert "single frames: 9 of 9 known, from 5.00 to 9.00 m, median 7.00" in drawn
     # Nothing that two drawings of a page would both be called.
     names = re.findall(r'\bid="([^"]*)"', "".join(each.drawing for each in draw_series(columns)))
     assert len(names) == len(set(names))
@@ -411,7 +411,7 @@ def joined(name: str) -> dict[str, Column]:
 
 
 @pytest.mark.parametrize("stddev, left", [
-    (0.05, "is within the standard deviations"), (1e-4, "is 0.01 beyond the standard deviations"),
+    (0.05, "are within the standard deviations"), (1e-4, "are 0.01 beyond the standard deviations"),
 ])
 def test_what_a_fit_leaves_is_told_beside_what_the_estimates_may_be_off_by(
     stddev: float, left: str, tmp_path: Path

@@ -108,11 +108,11 @@ def test_the_black_disc_and_the_distance_of_the_paper_stand_side_by_side() -> No
     sentences, summary = told(seen(0, 10.0, 2.0), seen(1, 10.0, 2.0), seen(2, 30.0, 6.0))
     # Of a factor exp(0.1) and exp(0.2) up and down; Kd is not known.
     assert sentences[1].startswith(
-        "Black-disc visibility 8.0 m (7.2 to 8.8): horizontal distance at which a diver loses a")
+        "Black-disc visibility 8.0 m (7.2 to 8.8): horizontal distance at which a diver loses")
     assert QUANTITIES["black_disc_visibility"].definition[1:] in sentences[1]
     assert ("; visibility distance 10 m (8 to 12): 2.35/β of green, the clearest channel; Secchi "
-            "depth 7 m (6 to 9): depth at which a white disk is lost from above" in sentences[1])
-    assert sentences[1].endswith(" In brackets: 16th to 84th percentile, of the median frame.")
+            "depth 7 m (6 to 9): depth at which a white disk disappears from view" in sentences[1])
+    assert sentences[1].endswith(" In brackets: 16th to 84th percentile of the median frame.")
     columns = {name: np.full(3, math.nan) for name in COLUMNS}
     rows = quantities(columns, summary, "2.35/β")
     assert [row["value"] for row in rows] == [
@@ -128,7 +128,7 @@ def test_a_value_that_is_hardly_known_is_neither_worst_nor_best() -> None:
     assert sentences[2].startswith("Visibility distance was from 6.00 ± 0.10 m to 8.00 ± 0.10 m")
     assert sentences[2].endswith("worst in frame 0, best in frame 2.")
     # The page shows the quantiles too, which lie beyond.
-    assert ("taken into account; 90 % of the distances are from 1.75 to "
+    assert ("allows for one standard deviation; 90 % of the distances are from 1.75 to "
             "35.2 m." in sentences[3])
 
 
@@ -166,7 +166,7 @@ def test_what_was_carried_over_frames_that_saw_nothing_is_not_said_of_them() -> 
              event=TrackingEvent.PREDICTED) for k in range(1, 9)]
     sentences, _ = told(seen(0, 6.0, filtered=6.0, event=TrackingEvent.STARTED), *blind)
     assert sentences[2].startswith(
-        "Visibility distance was 6.00 ± 0.10 m in the frames that show it: ")
+        "Visibility distance was 6.00 ± 0.10 m in the frames that have one: ")
     assert "throughout" not in "".join(sentences)
     sentences, _ = told(*blind)
     assert sentences[2].startswith("Visibility distance was 6.00 ± 0.10 m in these: ")
@@ -185,7 +185,7 @@ def test_nothing_assessed_is_said_first_and_why() -> None:
     assert "too dark (1)" in sentences[1]
     assert "%" not in "".join(sentences)
     assert summary.synopsis is not None and summary.synopsis.assessed == 0
-    assert told()[0] == ["There are no frames, so that nothing can be said of the water."]
+    assert told()[0] == ["There are no frames, so that nothing can be said about the water."]
 
 
 def test_a_frame_refused_is_a_share_below_all() -> None:
@@ -193,8 +193,8 @@ def test_a_frame_refused_is_a_share_below_all() -> None:
     sentences, _ = told(*frames, seen(999, math.nan, status=Status.TOO_DARK))
     assert "in 999 of 1000 frames (99 %)" in sentences[0]
     assert any(
-        s.startswith("1 frame gives no visibility distance alone. Reasons, with numbers of frames: "
-                     "too dark (1)") for s in sentences)
+        s.startswith("1 frame has no visibility distance of its own. Reasons, with numbers of "
+                     "frames: too dark (1)") for s in sentences)
 
 
 def test_what_lies_beyond_all_that_was_seen_is_said_to_be_extrapolated() -> None:
@@ -249,7 +249,7 @@ def test_the_filter_and_surveys_are_told() -> None:
     )
     assert "from 6.00 ± 0.10 m to 6.30 ± 0.10 m" in sentences[2]
     assert "filtered over frames" in sentences[1]
-    assert ("1 frame gives no distance and has that of other frames: changes of the water in "
+    assert ("1 frame has no distance of its own, but that of other frames: changes of the water in "
             "between are not detected." in sentences[3])
     assert "The filter rejected 1 of 3 frames." in sentences
     sentences, _ = told(seen(0, 5.0, filtered=6.0, event=event.STARTED))
@@ -258,10 +258,10 @@ def test_the_filter_and_surveys_are_told() -> None:
     sentences, _ = told(*(
         seen(k, math.nan, status=Status.RANGE_SPREAD_TOO_SMALL, filtered=6.0,
              event=event.SURVEYED, survey=together) for k in range(2)))
-    assert sentences[0].startswith("No single frame of 2 gives a visibility distance; taken "
+    assert sentences[0].startswith("None of 2 frames has a visibility distance of its own; taken "
                                    "together, 2 have one")
     assert sentences[0].endswith("over ranges from 1.6 to 2.2 m.")
-    assert sentences[-1].startswith("Filtered water of 2 frames is that of a survey: up to 30")
+    assert sentences[-1].startswith("Filtered water of 2 frames is from a survey: up to 30")
 
 
 def test_frames_that_the_filter_rejected_are_not_called_alike() -> None:
@@ -271,12 +271,12 @@ def test_frames_that_the_filter_rejected_are_not_called_alike() -> None:
         for k, d in enumerate((15.4, 8.3))
     ]
     sentences, _ = told(*frames, *passing)
-    assert "differences between frames that the filter took are within" in sentences[2]
+    assert "differences between frames that the filter accepted are within" in sentences[2]
     assert sentences[2].endswith(
-        "Frames that the filter rejected show from 8.30 to 15.4 m by themselves.")
+        "Distances of frames that the filter rejected: 8.30 to 15.4 m.")
     sentences, _ = told(*frames)
     assert "differences between frames are within" in sentences[2]
-    assert "rejected show" not in sentences[2]
+    assert "rejected" not in sentences[2]
 
 
 def test_the_definition_is_that_of_the_code() -> None:
@@ -285,7 +285,7 @@ def test_the_definition_is_that_of_the_code() -> None:
         assert found
         assert float(found[1]) == pytest.approx(visibility_distance(1.0, contrast), abs=0.005)
     assert "a Michelson contrast of 5 %" in definition(0.05)
-    assert "before open water as bright as the white one" in definition(0.05)
+    assert "in front of open water as bright as the white patch" in definition(0.05)
     assert "ln(1/C)/c = 3.0/c" in definition(0.05)
 
 

@@ -42,7 +42,7 @@ def test_rejected_frames_and_runs_that_were_followed_are_told(tmp_path: Path) ->
     frames = [frame(TrackingEvent(event)) for event in (
         "started", "updated", "outlier", "outlier", "restarted", "outlier", "updated",
         "predicted", "not assessable")]
-    told = "the filter rejected 3 of 7 frames, and followed 1 run of such frames as a change"
+    told = "the filter rejected 3 of 7 frames, and accepted 1 run of such frames as a change"
     assert counted(tmp_path, *frames).rejections() == told
     frames = [frame(TrackingEvent.STARTED), frame(TrackingEvent.UPDATED)]
     assert counted(tmp_path, *frames).rejections() == ""
@@ -52,7 +52,7 @@ def test_what_a_survey_rests_on_is_told_again_from_its_table(tmp_path: Path) -> 
     summary = counted(
         tmp_path, frame(TrackingEvent.NOT_ASSESSABLE),
         surveyed(20, 1.7, 2.2), surveyed(21, 1.6, 2.1))
-    told = ("filtered water of 2 frames is that of a survey: up to 21 frames together, "
+    told = ("filtered water of 2 frames is from a survey: up to 21 frames together, "
             "ranges from 1.60 to 2.20 m")
     assert summary.surveyed() == told
     again = Summary.of_finished("bag", "out", summary.state(ORIGIN), tmp_path / "frames.csv")

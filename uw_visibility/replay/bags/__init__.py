@@ -9,7 +9,7 @@ try:
 except ModuleNotFoundError as error:
     # rosbags is not in apt, so it may be the only missing package.
     raise InputError(
-        "recordings need rosbags, which is not installed: pip install rosbags; beside a ROS from "
-        "apt, pip install --user --break-system-packages rosbags, which adds to ~/.local and "
-        "changes no package of the system's"
+        "recordings need rosbags, which is not installed: pip install rosbags; with ROS from apt, "
+        "pip install --user --break-system-packages rosbags, which installs to ~/.local and does "
+        "not change system packages"
     ) from error

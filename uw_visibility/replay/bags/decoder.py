@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Decoder of a recording's messages, by the message definitions in the recording."""
+"""Decoder of recorded messages, by the message definitions in the recording."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ IDL_SEPARATOR = "=" * 80 + "\n"
 
 
 class Decoder:
-    """Decoder of messages, by channels of their types, as ROS 2 or ROS 1 serialises them.
+    """Decoder of messages of ROS 2 or ROS 1; `channels` are by message type.
 
-    Each type has its own type store: a bad definition spoils no other.
+    Each type has its own type store, so that a bad definition does not affect others.
     """
 
     def __init__(self, channels: Mapping[str, Channel], ros1: bool) -> None:
@@ -31,26 +31,26 @@ class Decoder:
     def decode(self, message: Recorded) -> Any:
         """Return a message as an object.
 
-        Raises `InputError` if its type is not known, or its data does not fit the type.
+        Raises `InputError` if its type is unknown, or its data do not fit the type.
         """
         store = self._stores.get(message.type)
         if store is None:
             store = self._stores[message.type] = self._store(message.type)
         read = store.deserialize_ros1 if self._ros1 else store.deserialize_cdr
         try:
-            # Arrays in the object are views of this. Kernels are compiled for arrays that
-            # can be written to, and would be once more for those of bytes.
+            # Arrays in the object are views of this. A bytearray makes them writable: for read-only
+            # arrays kernels would be compiled again.
             return read(bytearray(message.data), message.type)
         except Exception as error:
-            # The generated readers check nothing: damage shows as any kind of error.
+            # The generated readers check nothing, so that damage may raise any error.
             raise InputError(
                 f"a message on {printable(message.topic)} is damaged: {type(error).__name__}"
             ) from error
 
     def _store(self, kind: str) -> Any:
         channel = self._channels.get(kind)
-        # The common types never changed. Their definition in a recording may be damaged, or
-        # another thing under their name.
+        # The common types never changed. Their definitions in a recording may be damaged, or of
+        # another type under this name.
         known = common_types(self._ros1)
         if kind in known.types:
             return known
@@ -69,9 +69,9 @@ class Decoder:
 
 @functools.cache
 def common_types(ros1: bool) -> Any:
-    """Return the type store of the messages that come with ROS; add no types to it.
+    """Return the type store of messages of ROS; do not add types to it.
 
-    It is made once, since it compiles a reader and a writer for each type that is used.
+    It is cached, since it compiles a reader and a writer for each type in use.
     """
     return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
 
@@ -82,13 +82,13 @@ def _types(channel: Channel) -> dict[str, Any]:
     types: dict[str, Any] = {}
     parts = channel.definition.split(IDL_SEPARATOR)
     for part in parts[1:] or parts:
-        # Each part of several begins with a line that names it.
+        # If there are several parts, each begins with a line with its name.
         text = part.split("\n", 1)[1] if part.startswith("IDL: ") else part
         types.update(get_types_from_idl(text))
     return types
 
 
 def jazzy_types() -> tuple[Any, MessageFactory]:
-    """Return the type store of ROS 2 Jazzy, which serialises, and a factory of its messages."""
+    """Return the type store of ROS 2 Jazzy, for serialisation, and a factory of its messages."""
     store = common_types(ros1=False)
     return store, typestore_factory(store.types)

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Opening of a recording's file; a damaged MCAP file is read without its index."""
+"""Reader of a file of a recording; a damaged MCAP file is read without its index."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ FORMATS = {
     MessageDefinitionFormat.NONE: "",
 }
 
-# What mends a damaged file that is not salvaged here.
+# Repair of damaged files that are not salvaged here.
 MENDED_BY = {
-    ".bag": "run rosbag reindex {name}, and replay the mended bag",
+    ".bag": "run rosbag reindex {name}, and replay the repaired bag",
     ".db3": "run sqlite3 {name} .recover | sqlite3 mended.db3, and replay mended.db3",
 }
 SUFFIXES = (".mcap", *MENDED_BY)
-# The end of an MCAP file: a footer of three numbers, and the magic bytes.
+# End of an MCAP file: a footer of three numbers, and the magic bytes.
 FOOTER, FOOTER_SIZE = struct.Struct("<QQI8s"), 28
 
 
@@ -42,7 +42,7 @@ def open_file(path: Path) -> Storage:
     """Open one file of a recording, .mcap, .db3 or .bag, damaged or not."""
     if path.suffix not in SUFFIXES:
         raise InputError(
-            f"{path} is no recording: give a .mcap, .db3 or .bag file, or the folder of a bag"
+            f"{path} is not a recording: give a .mcap, .db3 or .bag file, or the folder of a bag"
         )
     with refusing(f"cannot read bag {path}"):
         open_regular(path).close()
@@ -54,7 +54,7 @@ def open_file(path: Path) -> Storage:
     try:
         return IndexedFile(path)
     except Exception as error:
-        # rosbags checks little: damage shows as any kind of error.
+        # rosbags checks little, so that damage may raise any error.
         if path.suffix == ".mcap":
             return _salvage(path, error)
         raise _broken(path, error) from error
@@ -82,7 +82,7 @@ class IndexedFile:
         self.span = (begin, end - 1) if end > begin else None
 
     def messages(self, part: Part) -> Iterator[Recorded]:
-        """Yield messages; after damage in an MCAP file, those that are salvaged."""
+        """Yield messages; after damage in an MCAP file, salvaged ones."""
         topics, start, stop = part
         chosen = [c for c in self._reader.connections if topics is None or c.topic in topics]
         if not chosen:
@@ -94,10 +94,10 @@ class IndexedFile:
                 yield Recorded(connection.topic, connection.msgtype, time, data)
             whole = start is None and stop is None
             if whole and any((c.msgcount or 0) > read[c.topic] for c in chosen):
-                raise ValueError("its index names messages that it does not lead to")
+                raise ValueError("its index counts more messages than it refers to")
         except Exception as error:
             if self._path.suffix != ".mcap":
-                self.damage.append(f"{_broken(self._path, error)}; what comes before is read")
+                self.damage.append(f"{_broken(self._path, error)}; read up to the damage")
                 return
             try:
                 rest = _salvage(self._path, error)
@@ -129,7 +129,7 @@ def _check_index(path: Path) -> None:
         if magic != MAGIC:
             raise ValueError("its end is missing")
         if begin and checksum:
-            # It is that of all from the index to itself.
+            # The checksum covers everything from the index up to itself.
             index = source.read(begin, source.size - begin - 12)
             if zlib.crc32(index) != checksum:
                 raise ValueError("its index differs from its checksum")
@@ -140,7 +140,7 @@ def _salvage(path: Path, error: Exception) -> Storage:
     reason = _reason(error)
     if not storage.channels:
         raise InputError(f"cannot read bag {path}: {'; '.join(storage.damage) or reason}")
-    storage.damage.insert(0, f"{path.name} is damaged ({reason}): read as far as it goes")
+    storage.damage.insert(0, f"{path.name} is damaged ({reason}): its intact parts are read")
     return storage
 
 

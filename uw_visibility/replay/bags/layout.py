@@ -24,17 +24,17 @@ class UnreadableError(InputError):
 class Layout:
     """Files of a recording."""
 
-    files: list[Path]  # those that are there, in the order of time
-    packed_messages: bool = False  # whether each message is packed by itself
-    # messages by topic, as the metadata counts them
+    files: list[Path]  # existing files, in the order of time
+    packed_messages: bool = False  # whether each message is compressed separately
+    # numbers of messages by topic, from the metadata
     expected: dict[str, int] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)  # what is missing
+    notes: list[str] = field(default_factory=list)  # missing parts
 
 
 def find_files(path: Path) -> Layout:
-    """Find the files of a recording: a folder of ROS 2, one of its files, or a file of ROS 1.
+    """Find the files of a recording: a ROS 2 folder, one of its files, or a ROS 1 file.
 
-    Raises `InputError` if there is none; `UnreadableError` if all its files are missing.
+    Raises `InputError` if there is no recording; `UnreadableError` if all its files are missing.
     """
     try:
         mode = path.stat().st_mode
@@ -68,7 +68,7 @@ def find_files(path: Path) -> Layout:
 
 def _count(value: object) -> int:
     if not isinstance(value, int) or value < 0:
-        raise TypeError("a number of messages is not a count")
+        raise TypeError("the number of messages is not a count")
     return value
 
 
@@ -86,7 +86,7 @@ def _files(path: Path) -> list[Path]:
 
 
 def suffix(file: Path) -> str:
-    """Return the suffix of a file, without that of its packing."""
+    """Return the suffix of a file, without that of its compression."""
     return Path(file.stem).suffix if file.suffix == PACKED else file.suffix
 
 
@@ -94,7 +94,7 @@ def _without_metadata(path: Path, error: Exception) -> Layout:
     files = _files(path)
     if not files:
         raise InputError(
-            f"cannot read bag {path}: it holds no metadata.yaml and no recording"
+            f"cannot read bag {path}: it has no metadata.yaml and no recording"
         ) from error
     # ROS 1 bags have no metadata.yaml.
     notes = ["metadata.yaml is missing or damaged"] if files[0].suffix != ".bag" else []

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Decompression in recordings, with the libraries that rosbags brings, up to a stated size."""
+"""Decompression in recordings with the libraries of rosbags, up to a limit."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ import lz4.frame
 import rosbags.rosbag1.reader
 import rosbags.rosbag2.storage_mcap
 
-# The library that rosbags uses, so nothing else needs to be installed.
+# The library that rosbags uses: no other dependency.
 from rosbags.rosbag2.reader import zstd
 
 from uw_visibility.replay.bags.source import MOST_AT_ONCE
 
 BLOCK = 1 << 16
-# Larger ratios are attacks that fill the disk: even black images with some noise compress
-# by ten only.
+# Larger ratios are attacks that fill the disk: even black images with some noise compress only
+# by ten.
 LARGEST_RATIO, LEAST_FREE = 200, 1 << 30
 
 DECOMPRESSORS: dict[str, Callable[[], Any]] = {
@@ -36,11 +36,11 @@ MAGIC = {"zstd": ZSTD, "lz4": b"\x04\x22\x4d\x18", "bz2": b"BZh"}
 
 
 class PackingError(Exception):
-    """Packed data are damaged, or packed in an unknown way."""
+    """Compressed data are damaged, or of an unknown format."""
 
 
 class Unpacked(NamedTuple):
-    """Decompressed data as far as they go, and why they end early: empty where they are whole."""
+    """Decompressed data, and the reason if they end early; empty if complete."""
 
     data: bytes
     problem: str
@@ -50,8 +50,8 @@ def unpack(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> bytes:
     """Decompress data.
 
     compression: "zstd", "lz4", "bz2", or "" or "none" for none.
-    most: bytes at which unpacking is given up.
-    Raises `PackingError` if that cannot be done.
+    most: limit of decompressed bytes.
+    Raises `PackingError` if the data cannot be decompressed completely.
     """
     unpacked = unpack_part(data, compression, most)
     if unpacked.problem:
@@ -60,14 +60,14 @@ def unpack(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> bytes:
 
 
 def unpack_part(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> Unpacked:
-    """Decompress data as far as it goes; the parameters are those of `unpack`."""
+    """Decompress data as far as possible; for parameters see `unpack`."""
     if compression in ("", "none"):
         return Unpacked(data, "" if len(data) <= most else f"more than {most} bytes")
     if compression not in DECOMPRESSORS:
-        # The name is damaged; the data begin with a magic number too.
+        # The name is damaged, but the data begin with a magic number.
         named = [name for name, magic in MAGIC.items() if data.startswith(magic)]
         if not named:
-            return Unpacked(b"", "it is not known")
+            return Unpacked(b"", "unknown compression")
         compression = named[0]
     parts: list[bytes] = []
     size = 0
@@ -87,13 +87,13 @@ def unpack_part(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> Unpa
             # Several frames may follow one another.
             rest = stream.unused_data or b""
     except Exception as error:
-        # Each library has errors of its own.
+        # Each library has its own errors.
         return Unpacked(b"".join(parts), str(error))
     return Unpacked(b"".join(parts), "")
 
 
 def unpack_file(source: Path, target: Path) -> str:
-    """Decompress a file of Zstandard as far as it goes; returns why it ended early, or nothing."""
+    """Decompress a Zstandard file as far as possible; returns the reason if it ends early."""
     packed_size = source.stat().st_size
     most = min(
         max(LARGEST_RATIO * packed_size, MOST_AT_ONCE),
@@ -106,17 +106,15 @@ def unpack_file(source: Path, target: Path) -> str:
                 while block := stream.read(MOST_AT_ONCE >> 8):
                     size += len(block)
                     if size > most:
-                        return (
-                            f"{source.name} unpacks to more than {most} bytes: read as far as that"
-                        )
+                        return f"{source.name} unpacks to more than {most} bytes: read up to this"
                     unpacked.write(block)
         except (EOFError, zstd.ZstdError, OSError) as error:
-            return f"{source.name} is damaged ({error}): read as far as it goes"
+            return f"{source.name} is damaged ({error}): read up to the damage"
     return ""
 
 
 def _limit_rosbags() -> None:
-    """Limit the size that rosbags decompresses, which is unlimited by default."""
+    """Limit the decompression of rosbags, which is unlimited by default."""
     ros2, ros1 = rosbags.rosbag2.storage_mcap.DECOMPRESSORS, rosbags.rosbag1.reader.decompressors
     for name in ("zstd", "lz4"):
         # The stated size cannot be trusted.

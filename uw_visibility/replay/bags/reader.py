@@ -24,9 +24,9 @@ LATEST = 1 << 63
 
 
 class BagReader:
-    """Bag reader; to be used in a ``with`` statement.
+    """Bag reader; use it in a ``with`` statement.
 
-    A damaged recording is read as far as possible; `damage` says what is missing.
+    A damaged recording is read as far as possible; `damage` lists what is missing.
 
     Parameters
     ----------
@@ -40,14 +40,14 @@ class BagReader:
     files : list of Path
         Files of the recording.
     ros1 : bool
-        Whether it is one of ROS 1.
+        Whether it is a ROS 1 bag.
     channels : dict of str to Channel
-        Topics by name, with the messages that the indexes of all files count.
+        Topics by name, with the numbers of messages from the indexes of all files.
 
     Raises
     ------
     InputError
-        If it cannot be read as a bag; `UnreadableError` where it is one.
+        If it is not a bag; `UnreadableError` if nothing in a bag can be read.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -68,7 +68,7 @@ class BagReader:
             topic: replace(channel, count=self._expected.get(topic, channel.count))
             for topic, channel in self._merge_channels().items()
         }
-        # A topic whose name is damaged must not vanish silently.
+        # Topics with damaged names must not vanish silently.
         self._notes += [
             f"{count} messages on {printable(topic)} are missing: no file names that topic"
             for topic, count in self._expected.items() if count and topic not in self.channels
@@ -82,7 +82,7 @@ class BagReader:
 
     @property
     def span(self) -> tuple[int, int] | None:
-        """Times of the first and last message in ns, where indexes tell."""
+        """Times of the first and the last message by the indexes, ns; None if unknown."""
         spans = [s.span for s in self._storages if s.span is not None]
         if not spans:
             return None
@@ -104,9 +104,9 @@ class BagReader:
         start: int | None = None,
         stop: int | None = None,
     ) -> Iterator[Recorded]:
-        """Yield the messages of some topics, or of all, in the order of time.
+        """Yield the messages of some or all topics in the order of time.
 
-        start, stop: times of reception, ns: from start up to, but without, stop.
+        start, stop: interval of the time of reception, ns, without stop.
         """
         self._unusable.clear()
         for storage in self._storages:
@@ -115,7 +115,7 @@ class BagReader:
                 if not 0 <= message.time < LATEST:
                     self._unusable[f"messages on {topic} have no time"] += 1
                     continue
-                # Without metadata, only the data shows that a message is compressed.
+                # Without metadata, only the data show that a message is compressed.
                 if self._packed_messages or (not self.ros1 and message.data.startswith(ZSTD)):
                     try:
                         message = message._replace(data=unpack(message.data, "zstd"))
@@ -125,7 +125,7 @@ class BagReader:
                 yield message
 
     def deserialize(self, message: Recorded) -> Any:
-        """Return a recorded message as an object of the bag's own types."""
+        """Return a recorded message as an object, by the types of the bag."""
         return self.decoder.decode(message)
 
     def close(self) -> None:

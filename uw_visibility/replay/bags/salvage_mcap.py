@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Salvage of damaged MCAP files: all records are read in turn, without the index.
 
-Format: https://mcap.dev/spec. A record has an opcode, a length and a content; the content of a
-chunk is records again.
+Format: https://mcap.dev/spec. A record has an opcode, a length and a content; a chunk contains
+records.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from uw_visibility.replay.bags.source import MOST_AT_ONCE, LimitError, Source
 from uw_visibility.replay.bags.storage import Channel, Part, Recorded
 
 LOST = "chunks of messages could not be unpacked to their end"
-DIFFER = "chunks differ from their checksums, and were used all the same"
+DIFFER = "chunks differ from their checksums, but were used"
 SKIPPED = "damaged records were skipped"
 
 MAGIC = b"\x89MCAP0\r\n"
 SCHEMA, CHANNEL, MESSAGE, CHUNK = 3, 4, 5, 6
-# What comes after the messages of a file.
+# Record after all messages of a file.
 DATA_END = 15
 HEAD = 9
-# Of a chunk before its compression, and of a message before its data.
+# Bytes of fields: of a chunk before its compression, and of a message before its data.
 CHUNK_FIELDS, MESSAGE_FIELDS = 28, 22
-# A chunk or a message, wherever it begins; lengths of 2^32 and more are none.
+# Beginning of a chunk or a message, with a length below 2^32.
 RECORD = re.compile(
     rb"\x06(?=....\0{4}.{28}(?:\0{4}|\x03\0{3}lz4|\x04\0{3}zstd))|\x05(?=....\0{4})", re.DOTALL
 )
 
 
 class McapSalvage:
-    """Reads an MCAP file, damaged anywhere, record by record from its start; a `Storage`."""
+    """Reader of an MCAP file with any damage, record by record; a `Storage`."""
 
     span = None
 
@@ -62,11 +62,11 @@ class McapSalvage:
         ]
 
     def close(self) -> None:
-        """Nothing is open between two scans."""
+        """Do nothing: no file is open between scans."""
 
     def _scan(self, messages: bool) -> Iterator[Recorded]:
         with Source(self._path) as source:
-            # The first bytes may be damaged like any others.
+            # The first bytes may be damaged, too.
             yield from self._records(source, len(MAGIC), messages, chunks=True)
 
     def _records(
@@ -81,7 +81,7 @@ class McapSalvage:
                 chunks = False
             end = self._end(source, at, kind, length, chunks)
             if end is None:
-                # A truncated last chunk is used as far as it goes.
+                # The readable part of a truncated last chunk is used.
                 after = self._next(source, at + 1, chunks)
                 end = source.size if after is None else after
                 if kind != CHUNK or not chunks:
@@ -108,7 +108,7 @@ class McapSalvage:
     def _end(
         self, source: Source, at: int, kind: int, length: int, chunks: bool
     ) -> int | None:
-        """Return where a record ends, or None where its length is implausible."""
+        """Return the end of a record; None if its length is implausible."""
         if kind == CHUNK and not chunks:
             return None
         for candidate in (length, _chunk_length(source, at) if kind == CHUNK else None):
@@ -118,34 +118,34 @@ class McapSalvage:
         return None
 
     def _begins(self, source: Source, at: int) -> bool:
-        """Tell whether a record may begin at a place, or the data end there."""
+        """Return whether a record may begin at an offset, or the data end there."""
         if at >= source.size:
             return at == source.size
         head = source.read(at, HEAD)
         if len(head) < HEAD:
-            # The end of a file that is cut off.
+            # End of a truncated file.
             return True
         kind, length = struct.unpack("<BQ", head)
         if length > max(source.size - at - HEAD, MOST_AT_ONCE):
-            # Only the length may be damaged: then the record before it is whole.
+            # If only the length is damaged, the record before is intact.
             return self._fields_fit(source, at, kind)
-        # Applications may have records of their own.
+        # Applications may add other kinds of records.
         return kind != 0
 
     def _fields_fit(self, source: Source, at: int, kind: int) -> bool:
-        """Tell whether the fields after a head are those of a chunk, or of a known channel."""
+        """Return whether the fields of a record are those of a chunk, or of a known channel."""
         if kind == CHUNK:
             length = _chunk_length(source, at)
             return length is not None and at + HEAD + length <= source.size
         return kind == MESSAGE and self._is_known(source, at)
 
     def _is_known(self, source: Source, at: int) -> bool:
-        """Tell whether the channel of a message is known."""
+        """Return whether the channel of a message is known."""
         number = source.read(at + HEAD, 2)
         return len(number) == 2 and struct.unpack("<H", number)[0] in self._by_id
 
     def _next(self, source: Source, at: int, chunks: bool) -> int | None:
-        """Return the place of the next plausible record."""
+        """Return the offset of the next plausible record."""
         for place in source.find(RECORD, at):
             kind, length = struct.unpack("<BQ", source.read(place, HEAD))
             if kind == CHUNK and chunks:
@@ -184,7 +184,7 @@ class McapSalvage:
 
 
 def _chunk_length(source: Source, at: int) -> int | None:
-    """Return the length of a chunk's content by its fields, or None where it is truncated."""
+    """Return the length of the content of a chunk by its fields; None if truncated."""
     head = source.read(at + HEAD, CHUNK_FIELDS + 16)
     try:
         (name,) = struct.unpack_from("<I", head, CHUNK_FIELDS)

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Random access to a recording's bytes, within a limit."""
+"""Random access to the bytes of a recording, with limited reads."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from typing import Any, BinaryIO
 from uw_visibility.config.files import check_regular
 
 MOST_AT_ONCE = 256 << 20
-"""Largest read, bytes: more than any message or usual chunk has."""
+"""Largest read, bytes: more than any message or usual chunk."""
 BLOCK = 1 << 20
-# Longer than any pattern.
+# Overlap of blocks, longer than any pattern.
 OVERLAP = 256
 
 
 class LimitError(Exception):
-    """More bytes are asked for at once than are held."""
+    """More bytes are requested at once than allowed."""
 
 
 class Source:
-    """Random access to the bytes of a file, or of a chunk in memory, of `size` bytes."""
+    """Random access to the `size` bytes of a file, or of a chunk in memory."""
 
     def __init__(self, content: Path | bytes) -> None:
         self._file = open_regular(content) if isinstance(content, Path) else io.BytesIO(content)
         self.size = self._file.seek(0, io.SEEK_END)
 
     def read(self, at: int, length: int) -> bytes:
-        """Return bytes from a place on, fewer where they end before; LimitError for too many."""
+        """Return bytes from an offset on, fewer at the end; `LimitError` for too many."""
         length = max(0, min(length, self.size - at)) if at >= 0 else 0
         if length > MOST_AT_ONCE:
             raise LimitError(f"a record claims {length} bytes")
@@ -40,7 +40,7 @@ class Source:
         return self._file.read(length)
 
     def find(self, pattern: re.Pattern[bytes], at: int) -> Iterator[int]:
-        """Yield the places of a pattern from a place on."""
+        """Yield the offsets of a pattern from an offset on."""
         while at < self.size:
             block = self.read(at, BLOCK + OVERLAP)
             for match in pattern.finditer(block):
@@ -56,7 +56,7 @@ class Source:
 
 
 class _LimitedFile(io.BufferedReader):
-    """A file that refuses to read more than `MOST_AT_ONCE` bytes at once."""
+    """File that refuses to read more than `MOST_AT_ONCE` bytes at once."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         if size is None or size < 0:
@@ -69,21 +69,21 @@ class _LimitedFile(io.BufferedReader):
 def open_regular(path: Path) -> BinaryIO:
     """Open a regular file; it refuses to read more than `MOST_AT_ONCE` bytes at once.
 
-    Raises `InputError` if it is none.
+    Raises `InputError` if it is not a regular file.
     """
     check_regular(path, "bag")
     return _LimitedFile(io.FileIO(path))
 
 
 class RecordingPath:
-    """A file as rosbags takes one (`rosbags.interfaces.typing.RPath`), read within limits."""
+    """Path of a file for rosbags (`rosbags.interfaces.typing.RPath`), with limited reads."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self.suffix, self.stem = path.suffix, path.stem
 
     def open(self, *_args: Any, **_kwargs: Any) -> BinaryIO:
-        """Open the file, which is only ever read."""
+        """Open the file for reading."""
         return open_regular(self._path)
 
     def exists(self) -> bool:

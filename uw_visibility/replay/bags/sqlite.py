@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reader of SQLite recordings from untrusted sources.
 
-A database is a program in part: its views, generated columns and cycles of pages can
-run without end. Only plain tables are read, within limits, and of what they hold only
-what has the type of a message.
+A database may contain code: views, generated columns and cycles of pages can run without end.
+Only plain tables are read, within limits, and only rows with the types of a message.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from uw_visibility.replay.bags.source import MOST_AT_ONCE
 from uw_visibility.replay.bags.storage import Channel, Part, Recorded
 
 DEFINITIONS = "message_definitions"
-# Bytes that a row has at least, and steps of SQLite's machine that it takes at most.
+# Least bytes of a row, and most steps of the virtual machine of SQLite per row.
 LEAST_ROW, MOST_STEPS = 8, 100
 STEPS_AT_ONCE = 1_000_000
 # Errors that a damaged database causes.
@@ -31,7 +30,7 @@ ERRORS = (sqlite3.Error, OverflowError, MemoryError)
 class SqliteFile:
     """SQLite recording; a `Storage`.
 
-    Raises `InputError` if it has no topics, or its tables are not plain ones.
+    Raises `InputError` if it has no topics, or its tables are not plain.
     Raises `sqlite3.Error` if it is damaged.
     """
 
@@ -64,12 +63,12 @@ class SqliteFile:
                     continue
                 size += LEAST_ROW + len(data)
                 if size > self._size:
-                    raise sqlite3.DatabaseError("more messages than the file has room for")
+                    raise sqlite3.DatabaseError("more messages than fit into the file")
                 yield Recorded(about.topic, about.type, time, data)
         except ERRORS as error:
             self._note_damage(error)
         if refused:
-            self._note(f"has {refused} rows that are no messages")
+            self._note(f"has {refused} rows that are not messages")
 
     def close(self) -> None:
         self._database.close()
@@ -93,7 +92,7 @@ class SqliteFile:
                 form, definition = definitions.get(kind, ("", ""))
                 self._topics[number] = Channel(topic, kind, form, definition)
         if not self._topics:
-            raise InputError(f"cannot read bag {self._path}: it holds no topics")
+            raise InputError(f"cannot read bag {self._path}: it has no topics")
         self.channels = list(self._topics.values())
         try:
             counts = dict(self._run("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
@@ -103,21 +102,21 @@ class SqliteFile:
             return
         if isinstance(first, int) and isinstance(last, int):
             self.span = first, last
-        nowhere = sum(count for number, count in counts.items() if number not in self._topics)
-        if nowhere:
-            self._note(f"{nowhere} messages are of topics that it does not name")
+        unnamed = sum(count for number, count in counts.items() if number not in self._topics)
+        if unnamed:
+            self._note(f"{unnamed} messages are of topics that it does not name")
         self.channels = [
             replace(c, count=counts.get(number, 0)) for number, c in self._topics.items()]
 
     def _check_tables(self) -> None:
-        """Refuse views, virtual tables and columns that are computed."""
+        """Refuse views, virtual tables and computed columns."""
         query = "SELECT name, type, rootpage FROM sqlite_master WHERE name IN (?, ?, ?)"
         for name, kind, root in self._run(query, ("topics", "messages", DEFINITIONS)):
             plain = kind == "table" and isinstance(root, int) and root > 0
             hidden = [row[6] for row in self._run(f"PRAGMA table_xinfo({name})")] if plain else [1]
             if any(hidden):
                 raise InputError(
-                    f"{self._path.name} is no recording: its {printable(name)} are no plain table"
+                    f"{self._path.name} is not a recording: {printable(name)} is no plain table"
                 )
 
     def _definitions(self) -> dict[str, tuple[str, str]]:
@@ -146,7 +145,7 @@ class SqliteFile:
         return f"WHERE {' AND '.join(conditions)}"
 
     def _run(self, query: str, values: tuple[Any, ...] = ()) -> Iterator[Any]:
-        """Yield the rows of a query, which ends with an error where it takes too many steps."""
+        """Yield the rows of a query; too many steps raise an error."""
         most = MOST_STEPS * (self._size // LEAST_ROW) // STEPS_AT_ONCE + 10
         steps = 0
 
@@ -161,7 +160,7 @@ class SqliteFile:
     def _note_damage(self, error: BaseException) -> None:
         name = self._path.name
         self._note(
-            f"is damaged ({error}): read as far as it goes; for the rest, run "
+            f"is damaged ({error}): read up to the damage; for the rest, run "
             f"sqlite3 {name} .recover | sqlite3 mended.db3, and replay mended.db3")
 
     def _note(self, what: str) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages and topics of a recording, and what a reader of one of its files provides."""
+"""Messages and topics of a recording, and the protocol of readers of its files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 
 
 class Recorded(NamedTuple):
-    """Recorded message, serialised: type such as ``sensor_msgs/msg/Image``, time received in ns."""
+    """Serialised message: type such as ``sensor_msgs/msg/Image``, time of reception in ns."""
 
     topic: str
     type: str
@@ -24,20 +24,20 @@ class Channel:
 
     topic: str
     type: str
-    format: str = ""  # of the definition: "msg", "idl", or "" where there is none
-    definition: str = ""  # the type's definition as the recording holds it
-    count: int | None = None  # messages, as the file's index says
+    format: str = ""  # of the definition: "msg", "idl", or "" for none
+    definition: str = ""  # definition of the type in the recording
+    count: int | None = None  # number of messages by the index of the file
 
 
 class Part(NamedTuple):
-    """Topics and times that are asked for: from `start` to before `stop`, ns; None is no limit."""
+    """Requested topics and times: from `start` to before `stop`, ns; None is no limit."""
 
     topics: Collection[str] | None = None
     start: int | None = None
     stop: int | None = None
 
     def holds(self, message: Recorded) -> bool:
-        """Tell whether a message is one of those asked for."""
+        """Return whether a message is requested."""
         return (
             (self.topics is None or message.topic in self.topics)
             and (self.start is None or message.time >= self.start)
@@ -48,11 +48,11 @@ class Part(NamedTuple):
 class Storage(Protocol):
     """Reader of one file of a recording.
 
-    span: times of the first and the last message, ns, where the file has an index.
+    span: times of the first and the last message, ns; None without an index.
     """
 
-    channels: list[Channel]  # its topics
-    damage: list[str]  # what could not be read so far, in sentences
+    channels: list[Channel]  # topics of the file
+    damage: list[str]  # damage found so far, in sentences
 
     @property
     def span(self) -> tuple[int, int] | None: ...

@@ -32,7 +32,7 @@ from uw_visibility.config.files import (
 from uw_visibility.errors import InputError, refusing
 from uw_visibility.replay.bags.decoder import jazzy_types
 
-# Custom metadata of the bags that this program wrote; recordings of vehicles do not have it.
+# Custom metadata in bags of this program; recordings of vehicles do not have it.
 WRITER = "uw_visibility.bag_writer"
 # Older simulated bags have this topic instead.
 TRUTH = "/ground_truth/mean_attenuation"
@@ -46,7 +46,7 @@ def products_of(bag: Path) -> Products:
 
 
 def check_bag(path: Path, overwrite: bool) -> None:
-    """Refuse to replace an older bag, unless that is allowed and this program wrote it."""
+    """Refuse to replace an existing bag, unless allowed and written by this program."""
     if not path.exists() and not path.is_symlink():
         return
     if not overwrite:
@@ -57,15 +57,15 @@ def check_bag(path: Path, overwrite: bool) -> None:
 
 
 class BagWriter:
-    """Bag writer; to be used in a ``with`` statement.
+    """Bag writer; use it in a ``with`` statement.
 
-    A bag that an error or an interruption leaves incomplete is removed. It is written
-    beside its place, and comes there when it is complete.
+    The bag is written beside its target, and renamed when complete. After an error or an
+    interruption the incomplete bag is removed.
 
     topics: type of message by topic, such as ``sensor_msgs/msg/Image``.
-    in_place: whether it is written in its place, where its part can be read after a crash.
-    compress: whether its chunks are compressed (Zstandard).
-    Raises `InputError` if the folder exists already, or cannot be made or written to.
+    in_place: whether it is written at its target, so that a part can be read after a crash.
+    compress: whether chunks are compressed (Zstandard).
+    Raises `InputError` if the folder exists already, cannot be made, or is not writable.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class BagWriter:
         try:
             if not in_place:
                 self._aside = self._open.enter_context(work_folder(aside_of(self._target), work))
-            # Its files are named after its folder.
+            # Files of the bag are named after its folder.
             self.path = self._target if self._aside is None else self._aside / self._target.name
             self._writer = Writer(
                 self.path, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP
@@ -104,26 +104,26 @@ class BagWriter:
         }
 
     def write(self, topic: str, message: Any, time: int) -> None:
-        """Write a message with the time in ns at which it was received."""
+        """Write a message with its time of reception, ns."""
         data = self._types.serialize_cdr(message, self._connections[topic].msgtype)
         self.write_serialised(topic, bytes(data), time)
 
     def write_serialised(self, topic: str, data: bytes, time: int) -> None:
-        """Write a message that is serialised already (CDR).
+        """Write a serialised message (CDR).
 
-        Raises `InputError` if it cannot be written, as on a full disk.
+        Raises `InputError` if it cannot be written, for instance on a full disk.
         """
         with refusing(f"cannot write bag {self._target}"):
             self._writer.write(self._connections[topic], time, data)
 
     def annotate(self, key: str, value: str) -> None:
-        """Add to the custom data in the bag's metadata; until it is closed."""
+        """Add to the custom metadata of the bag, before it is closed."""
         self._writer.set_custom_data(key, value)
 
     def close(self) -> None:
         """Complete the bag.
 
-        Raises `InputError` if it cannot be written, as on a full disk.
+        Raises `InputError` if it cannot be written, for instance on a full disk.
         """
         try:
             with refusing(f"cannot write bag {self._target}"):

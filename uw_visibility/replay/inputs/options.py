@@ -28,8 +28,8 @@ ATTRIBUTES = (
       for what in ("name", "email", "url", "type", "institution")),
     "contributor_name", "contributor_role",
 )
-"""Global attributes of the ACDD that a user may give; the others are what the table shows."""
-# Seconds that no recording is longer than.
+"""Global attributes of the ACDD that a user may give; others come from the table."""
+# Longest recording, s.
 LONGEST = 1e9
 
 
@@ -39,16 +39,15 @@ class ReplayOptions:
 
     pipeline: PipelineConfig = field(default_factory=PipelineConfig)
     node: NodeConfig = field(default_factory=NodeConfig)
-    wanted: Wanted = field(default_factory=Wanted)  # topics that are given
-    sensor_type: str | None = None  # type of the depth sensor, where it is given
-    # names of the parameters that the user gave; the others are defaults. The node's parameters;
-    # `node.rectify` says whether images are raw.
+    wanted: Wanted = field(default_factory=Wanted)  # given topics
+    sensor_type: str | None = None  # type of the depth sensor, if given
+    # names of the parameters that the user gave; others have defaults
     told: tuple[str, ...] = ()
-    infos: tuple[Any, Any] | None = None  # calibration to use instead of the recording's
-    # start, duration: seconds of the recording that are left out, and that are replayed
+    infos: tuple[Any, Any] | None = None  # calibration instead of the recorded one
+    # start, duration: seconds of the recording that are skipped, and that are replayed
     start: float = 0.0
     duration: float = math.inf
-    # every, images: one frame of so many is processed, or written to ``images/``; 0 for none
+    # every, images: every Nth frame is processed, or written to ``images/``; 0 for none
     every: int = 1
     images: int = 0
     # video, geo, netcdf, parquet: whether ``video.mp4`` and ``frames`` in these formats are written
@@ -56,18 +55,18 @@ class ReplayOptions:
     geo: bool = False
     netcdf: bool = False
     parquet: bool = False
-    all_topics: bool = False  # whether ``results.mcap`` holds all that the Foxglove layout shows
-    match_original: bool = False  # whether the raw pair is matched too, for comparison
+    all_topics: bool = False  # whether ``results.mcap`` has all topics of the Foxglove layout
+    match_original: bool = False  # whether the raw pair is also matched, for comparison
     # latitude and longitude, in degrees, of the origin of an Odometry
     origin: tuple[float, float] | None = None
     joins: tuple[ScalarTopic, ...] = ()  # numbers of other topics that are joined to the frames
-    join_tolerance: float = 2.0  # values of theirs further apart than this are not neighbours, s
-    # what turns attenuation into the turbidity that a sensor would read
+    join_tolerance: float = 2.0  # longest gap between their values for interpolation, s
+    # fit that predicts the turbidity of a sensor from attenuation
     turbidity: LineFit | None = None
-    # global attributes of ``frames.nc`` by name: those of ACDD that only a user knows
+    # global attributes of ``frames.nc`` by name, of ACDD, that only a user knows
     attributes: Mapping[str, str] = field(default_factory=dict)
-    # whether this is one of several recordings: what it lacks of the topics to join is told, and
-    # the rest has its result
+    # whether this is one of several recordings: missing topics to join are then reported, and the
+    # result is written without them
     several: bool = False
 
     def __post_init__(self) -> None:
@@ -84,7 +83,7 @@ class ReplayOptions:
         ):
             raise InputError(
                 f"--origin is {self.origin[0]:g} {self.origin[1]:g}: give latitude and longitude "
-                "in degrees, off the poles"
+                "in degrees, not at the poles"
             )
         columns = [join.column for join in self.joins]
         twice = [str(join) for join in self.joins if columns.count(join.column) > 1]
@@ -98,7 +97,7 @@ class ReplayOptions:
                 f"--attribute names {unknown[0]}: give one of {', '.join(ATTRIBUTES)}")
 
     def parameters(self) -> dict[str, Any]:
-        """Return everything that changes results, for provenance, as JSON has it."""
+        """Return everything that affects results, as JSON values, for provenance."""
         values = {
             **{k: v for k, v in self.pipeline.to_parameters().items() if k != "threads"},
             **digests(self.pipeline),
@@ -118,13 +117,13 @@ class ReplayOptions:
         return {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
 
     def extras(self) -> dict[str, Any]:
-        """Return the outputs beside the table and the messages, for JSON."""
+        """Return the outputs in addition to table and messages, as JSON values."""
         names = ("images", "video", "geo", "netcdf", "parquet", "all_topics")
         return {name: getattr(self, name) for name in names} | {
             "attributes": dict(self.attributes)}
 
     def with_one_thread(self) -> ReplayOptions:
-        """Return the options with one thread for each frame, if no number is given."""
+        """Return the options with one thread per frame, unless a number is given."""
         return replace(
             self, pipeline=replace(self.pipeline, threads=self.pipeline.threads or 1))
 
@@ -132,7 +131,7 @@ class ReplayOptions:
 def without_lacking(
     reader: BagReader, options: ReplayOptions
 ) -> tuple[ReplayOptions, dict[str, str]]:
-    """Return options without the topics to join that a recording lacks."""
+    """Return options without missing topics to join, and these with reasons."""
     lacks = dict(_lacks(reader, options))
     wanted = options.wanted
     if wanted.position in lacks:
@@ -144,7 +143,7 @@ def without_lacking(
 
 
 def check_in_any(bags: Iterable[Place], options: ReplayOptions) -> None:
-    """Refuse a topic to join that none of the recordings has, before any of them is replayed."""
+    """Refuse a topic to join that no recording has, before any is replayed."""
     lacking: dict[str, str] | None = None
     for bag in bags:
         if lacking is not None and not lacking:
@@ -155,7 +154,7 @@ def check_in_any(bags: Iterable[Place], options: ReplayOptions) -> None:
         except InputError:
             continue
         before = found if lacking is None else lacking
-        # A reason about an existing topic tells more than that it is missing elsewhere.
+        # Prefer a reason for an existing topic to a missing topic elsewhere.
         lacking = {
             name: why if name.partition(".")[0] in reader.channels else before[name]
             for name, why in found.items() if name in before}
@@ -165,7 +164,7 @@ def check_in_any(bags: Iterable[Place], options: ReplayOptions) -> None:
 
 
 def _lacks(reader: BagReader, options: ReplayOptions) -> Iterator[tuple[str, str]]:
-    """Yield each topic to join that a recording lacks, and why."""
+    """Yield each missing topic to join of a recording, with the reason."""
     channels, wanted = reader.channels, options.wanted
     checks: list[tuple[str, str, Callable[[], None]]] = [
         (str(join), join.topic, functools.partial(check_join, reader, join))

@@ -21,17 +21,17 @@ from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.topics import check_topic
 from uw_visibility.replay.line_fit import LARGEST
 
-# No interpolation between positions further apart, s.
+# Longest gap between positions for interpolation, s.
 LONGEST_GAP = 10.0
-# Mean radius of the earth, m (IUGG), enough for the extent of a dive.
+# Mean radius of the earth, m (IUGG), accurate enough for the extent of a dive.
 EARTH_RADIUS = 6371008.8
 
 
 class Track(Generic[Value]):
-    """Buffer of a sensor's values by rising stamp, to interpolate at the stamps of frames.
+    """Buffer of values of a sensor in the order of stamps, for interpolation at stamps of frames.
 
-    Values further apart than `longest_gap`, s, are not interpolated between. A value that is not
-    newer than the last one is left out; after a jump back of a second the buffer begins anew.
+    Gaps longer than `longest_gap`, s, are not interpolated. A value that is not newer than the
+    last one is dropped; after a jump back by more than a second the buffer is cleared.
     """
 
     def __init__(self, longest_gap: float) -> None:
@@ -47,16 +47,16 @@ class Track(Generic[Value]):
         self._values.append(value)
 
     def reaches(self, stamp: int) -> bool:
-        """Tell whether values go as far as a stamp."""
+        """Return whether there are values up to a stamp."""
         return bool(self._values) and self._values[-1].stamp >= stamp
 
     def forget_before(self, stamp: int) -> None:
-        """Drop what is not needed for stamps from this one on."""
+        """Drop values that are not needed from this stamp on."""
         while len(self._values) > 1 and self._values[1].stamp <= stamp:
             self._values.popleft()
 
     def around(self, stamp: int) -> tuple[Value, Value, float] | None:
-        """Return the neighbours of a stamp, and which part of the way it is; None without any."""
+        """Return the neighbours of a stamp, and its share of the way between; None without any."""
         return neighbours(self._values, stamp, self._longest)
 
 
@@ -76,9 +76,9 @@ class Position(NamedTuple):
 
 
 def read_position(message: Any) -> Position | None:
-    """Read a NavSatFix or an Odometry; None where it has no fix.
+    """Read a NavSatFix or an Odometry; None without a fix.
 
-    Raises `InputError` if a fix is nowhere on Earth.
+    Raises `InputError` if a fix is not on Earth.
     """
     stamp = stamp_to_nanoseconds(message.header.stamp)
     is_fix = hasattr(message, "latitude")
@@ -96,7 +96,7 @@ def read_position(message: Any) -> Position | None:
 
 
 def wrap_longitude(degrees: float) -> float:
-    """Return a longitude as one from -180 up to 180 degrees."""
+    """Wrap a longitude to -180 to 180 degrees."""
     return degrees if -180.0 <= degrees <= 180.0 else (degrees + 180.0) % 360.0 - 180.0
 
 
@@ -128,7 +128,7 @@ LONGEST_TOLERANCE = 3600.0
 _DEEPEST = 6
 # Fields that are not measurements.
 _NO_VALUES = ("header", "layout", "variance")
-# Messages whose numbers describe an image or a cloud.
+# Messages with numbers that describe an image or a cloud.
 _LARGE = ("Image", "CompressedImage", "CameraInfo", "DisparityImage", "PointCloud2", "LaserScan")
 
 
@@ -137,13 +137,13 @@ class ScalarTopic:
     """A number in the messages of a topic."""
 
     topic: str
-    # path of the field, parts and indices with dots between; empty takes the only number
+    # path of the field: names and indices separated by dots; empty for the only number
     field: str = ""
-    unit: str = ""  # as UDUNITS writes it; empty where it is not told
+    unit: str = ""  # in UDUNITS notation; empty if unknown
 
     @classmethod
     def parse(cls, text: str) -> ScalarTopic:
-        """Read ``TOPIC`` or ``TOPIC.field.of.it``, and ``=unit``: names of topics have no dots.
+        """Parse ``TOPIC`` or ``TOPIC.path.of.field``, with ``=unit``; topic names have no dots.
 
         Raises `InputError` if there is no topic, or a part of the path or the unit is empty.
         """
@@ -151,10 +151,10 @@ class ScalarTopic:
         topic, _, field = name.partition(".")
         if not topic or name.endswith(".") or ".." in name:
             raise InputError(
-                f"--join is {text!r}: give a topic, or a topic and a field as /ctd.temperature")
+                f"--join is {text!r}: give a topic, or a topic and a field, as in /ctd.temperature")
         if told and not unit.strip():
             raise InputError(
-                f"--join is {text!r}: give a unit as UDUNITS writes it, as /ctd.temperature=degC")
+                f"--join is {text!r}: give a unit of UDUNITS, as in /ctd.temperature=degC")
         return cls(topic, field, unit)
 
     def __str__(self) -> str:
@@ -166,7 +166,7 @@ class ScalarTopic:
         return "joined_" + re.sub(r"\W+", "_", str(self)).strip("_").lower()
 
     def read(self, message: Any, arrival: int) -> ScalarValue:
-        """Read the value of a message; without a header, its time is that of arrival, ns."""
+        """Read the value of a message; without a header, its stamp is the time of arrival, ns."""
         value = self.number(message)
         if not abs(value) <= LARGEST:
             raise InputError(f"{self} is {value:g}: only finite numbers are joined, of up to "
@@ -193,7 +193,7 @@ class ScalarTopic:
 
 
 class ScalarValue(NamedTuple):
-    """A value of a joined topic at a stamp (ns)."""
+    """A value of a joined topic at a stamp, ns."""
 
     source: ScalarTopic
     stamp: int
@@ -201,10 +201,10 @@ class ScalarValue(NamedTuple):
 
 
 class ScalarTrack(Track[ScalarValue]):
-    """Track of a topic's values."""
+    """Track of the values of a topic."""
 
     def at(self, stamp: int) -> float:
-        """Return the value at a stamp, linear between neighbours; NaN where there are none."""
+        """Return the value at a stamp, linear between neighbours; NaN without neighbours."""
         found = self.around(stamp)
         if found is None:
             return math.nan
@@ -213,7 +213,7 @@ class ScalarTrack(Track[ScalarValue]):
 
 
 def numbers_of(reader: BagReader, topic: str) -> list[str]:
-    """Return the paths of the numbers in a topic's messages; none for images and clouds."""
+    """Return the paths of the numbers in messages of a topic; none for images and clouds."""
     if reader.channels[topic].type.rpartition("/")[2] in _LARGE:
         return []
     message = next(reader.messages([topic]), None)
@@ -226,7 +226,7 @@ def numbers_of(reader: BagReader, topic: str) -> list[str]:
 
 
 def check_join(reader: BagReader, join: ScalarTopic) -> None:
-    """Refuse a number that a recording does not have, by its first message."""
+    """Refuse a number that is missing in the first message of its topic."""
     check_topic(reader.channels, join.topic)
     first = next(reader.messages([join.topic]), None)
     if first is not None:
@@ -234,7 +234,7 @@ def check_join(reader: BagReader, join: ScalarTopic) -> None:
 
 
 def _part(value: Any, part: str) -> Any:
-    """Return a field, or an element of an array; None where there is none."""
+    """Return a field, or an element of an array; None if missing."""
     if part.isdigit():
         try:
             return value[int(part)]

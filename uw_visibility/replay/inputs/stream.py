@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Stream of a recording's stereo frames and sensor values, in the order of time."""
+"""Stream of stereo frames and sensor values of a recording, in the order of time."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ from uw_visibility.stereo.calibration import CameraCalibration
 
 
 class RecordedFrame(NamedTuple):
-    """Recorded stereo frame: images, and each CameraInfo recorded or as given."""
+    """Recorded stereo frame: images, and each CameraInfo, recorded or given."""
 
     number: int  # among all frames of the recording (from `start` on)
-    time: int  # when the left image was received, ns
+    time: int  # time at which the left image was received, ns
     # stamp, right_stamp: stamps of the images, ns
     stamp: int
     right_stamp: int
@@ -48,7 +48,7 @@ class RecordedFrame(NamedTuple):
     right_info: Any
 
     def messages(self, decode: Callable[[Recorded], Any]) -> StereoFrame:
-        """Return images and CameraInfo as messages, of what they were recorded as."""
+        """Return images and CameraInfo as decoded messages."""
         return StereoFrame(*(
             decode(part) if isinstance(part, Recorded) else part
             for part in (self.left, self.right, self.left_info, self.right_info)
@@ -56,7 +56,7 @@ class RecordedFrame(NamedTuple):
 
 
 class SensorValue(NamedTuple):
-    """A value of the depth sensor, and when it was received (ns)."""
+    """A value of the depth sensor, and the time of its reception, ns."""
 
     sample: DepthSample
     time: int
@@ -64,7 +64,7 @@ class SensorValue(NamedTuple):
 
 @dataclass(frozen=True)
 class Restart:
-    """The stamps of the images jumped back: a clock was set, or a recording begun again."""
+    """The stamps of the images jumped back: a clock was set, or a recording restarted."""
 
 
 Event = RecordedFrame | SensorValue | Position | ScalarValue | Restart
@@ -73,9 +73,9 @@ Event = RecordedFrame | SensorValue | Position | ScalarValue | Restart
 class InputStream:
     """Stream of stereo frames and sensor values of a recording.
 
-    plausibility: the configuration, with the type of the sensor found.
-    problems: messages that could not be used, by reason.
-    frames: frames so far, those left out too.
+    plausibility: configuration with the type of the sensor that was found.
+    problems: unusable messages, by reason.
+    frames: number of frames so far, also of skipped ones.
     """
 
     def __init__(self, reader: BagReader, options: ReplayOptions) -> None:
@@ -100,7 +100,7 @@ class InputStream:
 
     @property
     def expected_frames(self) -> int | None:
-        """About how many frames will be processed, if the indexes tell."""
+        """Approximate number of frames to process; None if unknown from the indexes."""
         counts = [self._reader.channels[t].count for t in self.selection.images()]
         span = self._reader.span
         known = [count for count in counts if count is not None]
@@ -108,7 +108,7 @@ class InputStream:
             return None
         frames, (start, stop) = min(known), self.interval()
         if start is not None and frames > 1:
-            # Cameras are often turned on later than the sensors.
+            # Cameras are often turned on later than sensors.
             begin = self._first_image(span[0])
             end = span[1] if stop is None else min(stop, span[1])
             share = max(end - max(start, begin), 0) / max(span[1] - begin, 1)
@@ -134,7 +134,7 @@ class InputStream:
         yield from self._choose(self.synchronizer.finish())
 
     def sensor_samples(self) -> Iterator[DepthSample]:
-        """Yield what the depth sensor says, without reading images; unusable messages not."""
+        """Yield the usable values of the depth sensor, without reading images."""
         if self.selection.depth is None:
             return
         for message in self._reader.messages([self.selection.depth], *self.interval()):
@@ -146,7 +146,7 @@ class InputStream:
                 continue
 
     def missing(self) -> list[str]:
-        """Say how many messages of each image topic are in the index but could not be read."""
+        """Return for each image topic how many indexed messages could not be read, as text."""
         if self._options.start > 0.0 or self._options.duration < np.inf:
             return []
         notes = []
@@ -157,7 +157,7 @@ class InputStream:
         return notes
 
     def _check_start(self) -> None:
-        """Refuse a part of the recording that lies behind its end."""
+        """Refuse a start after the end of the recording."""
         span = self._reader.span
         if span is not None and self._options.start > (span[1] - span[0]) / 1e9:
             raise InputError(
@@ -175,12 +175,12 @@ class InputStream:
             return
         if channels[position].type == ODOMETRY:
             raise InputError(
-                f"{position} is an Odometry, in metres from an origin of its own: say where that "
-                "is with --origin LAT LON"
+                f"{position} is an Odometry, in metres from its own origin: give the position of "
+                "that with --origin LAT LON"
             )
 
     def interval(self) -> tuple[int | None, int | None]:
-        """Return the times between which messages are wanted, ns."""
+        """Return the interval of requested messages, ns."""
         options = self._options
         if options.start == 0.0 and options.duration == np.inf:
             return None, None
@@ -191,7 +191,7 @@ class InputStream:
         return start, stop
 
     def _first_image(self, otherwise: int) -> int:
-        """Return when the first image was received, ns."""
+        """Return the time of reception of the first image, ns."""
         first = next(self._reader.messages(self.selection.images()), None)
         return otherwise if first is None else first.time
 
@@ -204,7 +204,7 @@ class InputStream:
             return False
 
     def _take_calibration(self, start: int | None) -> None:
-        """Add the calibration that is given, or the last one sent before the start."""
+        """Add the given calibration, or the last one before the start."""
         if self._options.infos is not None:
             for side, info in zip(("left", "right"), self._options.infos, strict=True):
                 self.synchronizer.add_info(side, 0, info)
@@ -216,7 +216,7 @@ class InputStream:
             list(self._add(self.synchronizer.add_info, infos[message.topic], message))
 
     def _check_rectified(self, message: Recorded, side: str) -> None:
-        """Refuse raw images, by their name, that would have to be rectified."""
+        """Refuse images that are raw by their name and need rectification."""
         if side in self._checked:
             return
         self._checked.add(side)
@@ -228,7 +228,7 @@ class InputStream:
                 self._reader.deserialize(message), side
             )
         except InputError:
-            # Each frame will say why its calibration cannot be used.
+            # Frames report why their calibration cannot be used.
             return
         if calibration.distortion.any() or not np.allclose(calibration.rotation, np.eye(3)):
             raise InputError(
@@ -237,7 +237,7 @@ class InputStream:
             )
 
     def _is_latched(self, infos: dict[str, str]) -> bool:
-        """Tell whether CameraInfo is latched: fewer of them than images."""
+        """Return whether CameraInfo is latched, with fewer messages than images."""
         for info, image in zip(infos, self.selection.images(), strict=True):
             counts = self._reader.channels[info].count, self._reader.channels[image].count
             if counts[0] is None or counts[1] is None or counts[0] < 0.9 * counts[1]:

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Topic selection: a recording's stereo pair, its calibration and its sensors."""
+"""Topic selection: stereo pair, calibration and sensors of a recording."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ INFO = "sensor_msgs/msg/CameraInfo"
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSITION_TYPES = ("sensor_msgs/msg/NavSatFix", ODOMETRY)
 
-# Parts of names of topics that are no camera image or depth sensor.
+# Patterns of topic names that are not camera images or depth sensors.
 OTHER_IMAGES = re.compile(r"enhanced|disparity|ground_truth|depth|mask|compressedDepth|theora")
 OTHER_DEPTHS = re.compile(r"ground_truth|visibility|plausibility|image|camera")
 DEPTH_NAMES = re.compile(r"depth|pressure")
@@ -26,7 +26,7 @@ DEPTH_NAMES = re.compile(r"depth|pressure")
 
 @dataclass(frozen=True)
 class Wanted:
-    """Topics asked for; None is found by type and name.
+    """Requested topics; those that are None are found by type and name.
 
     Attributes
     ----------
@@ -48,22 +48,22 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Selection:
-    """Topics used, as `Wanted` has them."""
+    """Topics in use; names as in `Wanted`."""
 
     left: str
     right: str
-    # left_info, right_info: None where the calibration comes from files
+    # left_info, right_info: None if the calibration comes from files
     left_info: str | None
     right_info: str | None
     depth: str | None = None
-    # type of the depth sensor's messages, as ``plausibility.sensor_type`` names it
+    # message type of the depth sensor, in terms of ``plausibility.sensor_type``
     sensor_type: str = "none"
     position: str | None = None
-    notes: list[str] = field(default_factory=list)  # what was chosen among others
-    rectify: bool = False  # whether these images are to be rectified
+    notes: list[str] = field(default_factory=list)  # choices among several
+    rectify: bool = False  # whether the images must be rectified
 
     def by_use(self) -> dict[str, str | None]:
-        """Return the topics by what they are used for."""
+        """Return the topics by their use."""
         names = ("left", "right", "left_info", "right_info", "depth", "position")
         return {name: getattr(self, name) for name in names}
 
@@ -85,11 +85,11 @@ def find_topics(
 ) -> Selection:
     """Choose the topics to use.
 
-    channels, wanted: what the recording has, and what is given.
-    rectify: whether raw images are looked for, rather than rectified ones. Where there are none,
-        those that are rectified by their name are not rectified again.
+    channels, wanted: topics of the recording, and requested ones.
+    rectify: whether to look for raw images instead of rectified ones. If there are none, images
+        that are rectified by their name are not rectified again.
     calibrated: whether the calibration is known, so that no CameraInfo is needed.
-    sensor_type: type of the depth sensor, as ``plausibility.sensor_type`` has it; None finds one.
+    sensor_type: see ``plausibility.sensor_type``; None finds one.
     """
     notes: list[str] = []
     left, right = _find_pair(channels, wanted, rectify, notes)
@@ -110,7 +110,7 @@ def find_topics(
 
 
 def is_raw(image: str) -> bool:
-    """Tell whether a topic's images are raw by its name, as image_raw."""
+    """Return whether images are raw by the name of their topic, such as image_raw."""
     return "raw" in image.removesuffix("/compressed").rpartition("/")[2]
 
 
@@ -119,7 +119,7 @@ def _is_rectified(image: str) -> bool:
 
 
 def partner(topic: str) -> str | None:
-    """Return the right image's topic for a left image's; None without "left" in its name."""
+    """Return the topic of the right image for the left one; None without "left" in its name."""
     if not re.search("left", topic, re.IGNORECASE):
         return None
     for old, new in (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT")):
@@ -128,7 +128,7 @@ def partner(topic: str) -> str | None:
 
 
 def info_topic(image: str) -> str:
-    """Return where the CameraInfo of an image is: beside it."""
+    """Return the topic of the CameraInfo of an image, beside it."""
     base = image.removesuffix("/compressed")
     return f"{base.rpartition('/')[0]}/camera_info"
 
@@ -161,12 +161,12 @@ def _find_pair(
     candidates.sort(key=lambda pair: _rank(channels, pair[0], rectify))
     if len(candidates) > 1:
         others = ", ".join(topic for topic, _ in candidates[1:])
-        notes.append(f"{candidates[0][0]} is taken rather than {others}")
+        notes.append(f"{candidates[0][0]} is used instead of {others}")
     return candidates[0]
 
 
 def _rank(channels: Mapping[str, Channel], topic: str, rectify: bool) -> tuple[object, ...]:
-    """Order candidates: rectified or raw as asked for, with calibration, colour, uncompressed."""
+    """Sort key: rectified or raw as requested, with calibration, colour, uncompressed."""
     channel = channels[topic]
     return (
         channel.count == 0,
@@ -207,12 +207,12 @@ def _find_depth(
         return None, "none"
     found.sort(key=lambda t: (not t.endswith("depth_sensor"), t.count("/"), t))
     if len(found) > 1:
-        notes.append(f"depth sensor {found[0]} is taken rather than {', '.join(found[1:])}")
+        notes.append(f"depth sensor {found[0]} is used instead of {', '.join(found[1:])}")
     return found[0], types[channels[found[0]].type]
 
 
 def depth_types(kind: str | None) -> dict[str, str]:
-    """Return the types of messages that a depth sensor may have, and what parameters call them."""
+    """Return message types of a depth sensor, with their names in parameters."""
     names = {message: name for name, message in SENSOR_TYPES.items()}
     return names if kind is None else {SENSOR_TYPES[kind]: kind}
 
@@ -220,7 +220,7 @@ def depth_types(kind: str | None) -> dict[str, str]:
 def check_topic(
     channels: Mapping[str, Channel], topic: str, types: Collection[str] = ()
 ) -> None:
-    """Refuse a topic that is missing, or of another type than those given."""
+    """Refuse a topic that is missing, or has none of the given types."""
     if topic not in channels:
         raise InputError(f"there is no topic {topic} in the recording: --list shows what there is")
     if types and channels[topic].type not in types:

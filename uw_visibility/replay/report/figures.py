@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of estimates over time: each frame, filtered over frames, and the depth sensor."""
+"""Figures of estimates over time: single frames, filtered over frames, and depth sensor."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ from uw_visibility.replay.report.svg import (
 from uw_visibility.replay.table import Columns
 
 HEIGHT = 2.3
-# Neighbouring frames are drawn as one point where there are more.
+# Most points; with more frames, neighbours are drawn as one point.
 MOST_POINTS = 600
-# Room around the axes, in: left, right, below and above. The same for all, so that their
-# times stand above one another.
+# Margins of the axes, in: left, right, below and above. The same for all figures, so that their
+# time axes are aligned.
 MARGINS = (0.68, 0.1, 0.5, 0.28)
-# Beyond so many recordings there is no room for names.
+# Most recordings with names.
 MOST_NAMES = 12
-# Smaller values are drawn here.
+# Least value drawn; smaller ones are drawn here.
 LEAST_NIS = 1e-3
 # Lines break at gaps longer than this many median steps.
 LONGEST_STEP = 3.0
-# matplotlib counts time in days, of so many seconds.
+# Seconds per day, the unit of time of matplotlib.
 DAY = 86400.0
 # Formats for ticks by year, month, day, hour, minute, second.
 CLOCK = ["%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M", "%H:%M:%S.%f"]
@@ -48,7 +48,7 @@ DATES = ["", "", "%Y", "%Y-%m-%d", "%Y-%m-%d", "%Y-%m-%d"]
 
 
 class Quantity(NamedTuple):
-    """What is drawn over time."""
+    """Quantity that is drawn over time."""
 
     name: str
     title: str
@@ -68,19 +68,19 @@ class Series(NamedTuple):
 
     title: str
     drawing: Markup
-    # start, end: ends of its axis, s since 1970 (UTC); the same for all
+    # start, end: ends of the time axis, s since 1970 (UTC); the same for all
     start: float
     end: float
-    together: int  # frames that a point is the median of; the same for all
+    together: int  # frames per point, which is their median; the same for all
 
 
 def draw_series(columns: Columns, recordings: Sequence[str] = ()) -> list[Series]:
     """Draw the estimates over time.
 
-    columns: those of the table. With `recordings`, ``recording`` too: the place there of each
-        frame's.
-    recordings: names, where the frames are of several.
-    Returns one for each quantity; nothing without frames.
+    columns: columns of the table; with `recordings` also ``recording``, the index of each frame's
+        recording there.
+    recordings: names, if the frames are of several recordings.
+    Returns one figure per quantity; nothing without frames.
     """
     if not len(columns["stamp"]):
         return []
@@ -107,12 +107,12 @@ def draw_series(columns: Columns, recordings: Sequence[str] = ()) -> list[Series
 
 
 def neighbours(count: int) -> int:
-    """Return how many neighbouring frames make one point."""
+    """Return the number of neighbouring frames per point."""
     return max(-(-count // MOST_POINTS), 1)
 
 
 def thin(columns: Columns) -> dict[str, Array]:
-    """Reduce columns of numbers to `MOST_POINTS` rows at most: medians of neighbouring frames."""
+    """Reduce columns of numbers to at most `MOST_POINTS` rows: medians of neighbouring frames."""
     count = len(columns["stamp"])
     together = neighbours(count)
     if together == 1:
@@ -131,7 +131,7 @@ def thin(columns: Columns) -> dict[str, Array]:
 
 
 def clock_axis(axes: Any, narrow: bool) -> None:
-    """Let an axis show the time of the day (UTC), with the day once."""
+    """Format a time axis as time of day (UTC), with the date once."""
     locator = matplotlib.dates.AutoDateLocator(
         minticks=2, maxticks=5 if narrow else 9, tz="UTC")
     axes.xaxis.set_major_locator(locator)
@@ -141,7 +141,7 @@ def clock_axis(axes: Any, narrow: bool) -> None:
 
 
 class _Panel(NamedTuple):
-    """Drawing of a quantity over time: days, thinned columns, and the names of recordings."""
+    """Drawing of a quantity over time, in days, from thinned columns; names of the recordings."""
 
     time: Array
     columns: Columns
@@ -150,7 +150,7 @@ class _Panel(NamedTuple):
     together: int
 
     def paint(self, figure: Figure, narrow: bool) -> list[Spot]:
-        """Draw the quantity; returns what is told of its points."""
+        """Draw the quantity; returns the texts of its points."""
         axes: Any = figure.subplots()
         time, columns, quantity = self.time, self.columns, self.quantity
         name = quantity.name
@@ -158,7 +158,7 @@ class _Panel(NamedTuple):
         filtered, band = columns[f"filtered_{name}"], columns[f"filtered_{name}_stddev"]
         axes.errorbar(
             time, value, stddev, fmt="o", markersize=_marker(len(time)), color=ESTIMATE,
-            elinewidth=0.7, alpha=0.75, linewidth=0.0, label="a frame by itself, ± 1 σ", zorder=2,
+            elinewidth=0.7, alpha=0.75, linewidth=0.0, label="single frames, ± 1 σ", zorder=2,
         )
         if np.isfinite(filtered).any():
             x, middle, spread = _with_gaps(time, filtered, band)
@@ -182,7 +182,7 @@ class _Panel(NamedTuple):
         return self._spots(axes)
 
     def _name_recordings(self, axes: Any) -> None:
-        """Mark where each of several recordings begins, with its name above the points."""
+        """Mark the beginning of each of several recordings, with its name above the points."""
         bottom, top = axes.get_ylim()
         if 0 < len(self.recordings) <= MOST_NAMES:
             axes.set_ylim(bottom, top + 0.2 * (top - bottom))
@@ -193,7 +193,7 @@ class _Panel(NamedTuple):
             begin = float(self.time[frames[0]])
             axes.axvline(begin, color=HOLLOW, linewidth=0.8, linestyle=":", zorder=0)
             if len(self.recordings) <= MOST_NAMES:
-                # Neighbours' names on two lines. Folder names may hold a dollar sign.
+                # Names alternate between two lines. Folder names may contain a dollar sign.
                 axes.annotate(
                     printable(name), (begin, 1.0), xycoords=("data", "axes fraction"),
                     xytext=(3.0, -9.0 - 10.0 * (place % 2)), textcoords="offset points",
@@ -217,7 +217,7 @@ class _Panel(NamedTuple):
         name = f"{self.recordings[int(columns['recording'][index])]}, " if self.recordings else ""
         what = "frame" if self.together == 1 else f"median of {self.together} frames about"
         parts = [f"{name}{what} {columns['frame'][index]:.0f}, {moment:%H:%M:%S} UTC"]
-        for prefix, title in (("", "by itself"), ("filtered_", "filtered")):
+        for prefix, title in (("", "single frame"), ("filtered_", "filtered")):
             value = float(columns[f"{prefix}{quantity.name}"][index])
             spread = float(columns[f"{prefix}{quantity.name}_stddev"][index])
             if np.isfinite(value):
@@ -236,7 +236,7 @@ def _paint_nis(figure: Figure, time: Array, nis: Array) -> list[Spot]:
                   color=ESTIMATE, label="ν²/S")
     axes.axhline(3.841, color=FILTERED, linewidth=1.2, linestyle="--", label="95 % of χ²")
     axes.set_ylim(LEAST_NIS / 2.0, max(20.0, 2.0 * float(np.nanmax(nis))))
-    # Plain numbers: formulas take a fifth of the drawing time.
+    # Plain numbers: mathtext takes a fifth of the drawing time.
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.yaxis.set_minor_locator(matplotlib.ticker.NullLocator())
     _finish(axes, time, figure.get_figwidth() < 6.0, "ν²/S")
@@ -244,7 +244,7 @@ def _paint_nis(figure: Figure, time: Array, nis: Array) -> list[Spot]:
 
 
 def _marker(points: int) -> float:
-    """Return the size of a point's marker, in 1/72 in: larger where there are few."""
+    """Return the size of markers, in 1/72 in: larger for few points."""
     return 4.5 if points <= 100 else 2.6
 
 
@@ -258,7 +258,7 @@ def _finish(axes: Any, time: Array, narrow: bool, label: str) -> None:
     axes.grid(color=RULE, linewidth=0.6)
     axes.set_axisbelow(True)
     clock_axis(axes, narrow)
-    # Above the axes, where it covers nothing.
+    # Above the axes, where the legend covers no data.
     if axes.get_legend_handles_labels()[1]:
         axes.legend(
             loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, fontsize="small",
@@ -267,14 +267,14 @@ def _finish(axes: Any, time: Array, narrow: bool, label: str) -> None:
 
 
 def _edges(time: Array) -> tuple[float, float]:
-    """Return the ends of the axis, days."""
+    """Return the ends of the time axis, days."""
     low, high = float(np.min(time)), float(np.max(time))
     margin = 0.02 * (high - low) or 1.0 / DAY
     return low - margin, high + margin
 
 
 def _with_gaps(time: Array, value: Array, stddev: Array) -> tuple[Array, Array, Array]:
-    """Break a line where frames are missing, not only where values are."""
+    """Break a line also where frames are missing, not only values."""
     steps = np.diff(time)
     usual = float(np.median(steps)) if steps.size else 0.0
     holes = np.flatnonzero((steps > LONGEST_STEP * usual) | (steps < 0.0)) + 1
@@ -285,9 +285,9 @@ def _with_gaps(time: Array, value: Array, stddev: Array) -> tuple[Array, Array, 
 
 
 def _described(columns: Columns, quantity: Quantity) -> str:
-    """Say in words what a figure shows."""
+    """Return the description of a figure for screen readers."""
     parts = []
-    for prefix, title in (("", "frames by themselves"), ("filtered_", "filtered over frames")):
+    for prefix, title in (("", "single frames"), ("filtered_", "filtered over frames")):
         values = columns[f"{prefix}{quantity.name}"]
         known = values[np.isfinite(values)]
         if known.size:
@@ -300,13 +300,13 @@ def _described(columns: Columns, quantity: Quantity) -> str:
 
 
 def _limits(bands: Sequence[tuple[Array, Array]], *lines: Array | None) -> tuple[float, float]:
-    """Return axis limits that ignore outliers, from bands ± σ and lines."""
+    """Return axis limits for bands ± σ and lines, without outliers."""
     lows, highs, least = [], [], []
     for value, stddev in bands:
         known = np.isfinite(value)
         if known.any():
             spread = np.nan_to_num(stddev[known])
-            # Very wide bands are cut off.
+            # Limits the effect of very wide bands.
             spread = np.minimum(spread, 3.0 * float(np.median(spread)))
             lows.append(float(np.percentile(value[known] - spread, 2.0)))
             highs.append(float(np.percentile(value[known] + spread, 98.0)))
@@ -320,5 +320,5 @@ def _limits(bands: Sequence[tuple[Array, Array]], *lines: Array | None) -> tuple
     low, high = min(lows), max(highs)
     margin = 0.08 * (high - low) + 1e-3
     low, high = low - margin, high + margin
-    # Quantities are not negative, but their bands may be.
+    # Bands of non-negative quantities may be negative.
     return (max(low, 0.0) if min(least, default=low) >= 0.0 else low), high

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Gallery of replayed frames: raw, enhanced and disparity, in one scale of colours."""
+"""Gallery of replayed frames: raw, enhanced and disparity, with one colour scale."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ from uw_visibility.replay.results.mcap import NAME
 from uw_visibility.replay.table import Columns
 from uw_visibility.stereo.rig import DISPARITY_STDDEV
 
-# Frames from which the colour scale is chosen.
+# Most frames for the choice of the colour scale.
 SCALE_FRAMES = 16
-# Rows and columns per sampled pixel.
+# Step of sampled rows and columns, px.
 STEP = 4
 LARGEST_VIDEO_WIDTH = 1920
 LEFT_TOPIC, DISPARITY_TOPIC = "/left/enhanced/image", "/disparity"
 
 
 class ColourScale(NamedTuple):
-    """Colour scale: the disparities, px, that the ends of the colours stand for.
+    """Colour scale: disparities of its ends, px.
 
     `focal_baseline` is focal length times baseline, px m: range times disparity.
     """
@@ -55,7 +55,7 @@ class ColourScale(NamedTuple):
 
     @classmethod
     def of(cls, messages: Iterable[Any]) -> ColourScale | None:
-        """Return the scale that suits some DisparityImages; None where nothing matched."""
+        """Return the scale for some DisparityImages; None if nothing matched."""
         known: list[NDArray[np.float32]] = []
         focal_baseline = math.nan
         for message in messages:
@@ -68,20 +68,20 @@ class ColourScale(NamedTuple):
         return cls(*colour_ends(values, DISPARITY_STDDEV), focal_baseline)
 
     def describe(self, disparity: float) -> str:
-        """Return a disparity, and the range that it is, in words."""
+        """Return a disparity with its range as text."""
         if disparity <= 0.0:
             return f"{disparity:.1f} px"
         return f"{disparity:.1f} px ({self.focal_baseline / disparity:.3g} m)"
 
 
 def gradient() -> str:
-    """Return the colours from the lowest disparity to the highest, as CSS has it."""
+    """Return the colours from the lowest to the highest disparity as CSS."""
     stops = viridis(np.linspace(0.0, 1.0, 17)[None])[0]
     return ", ".join(f"rgb({r}, {g}, {b})" for r, g, b in stops)
 
 
 class Picture(NamedTuple):
-    """A frame's number, caption, and images, RGB uint8 (H, W, 3) each."""
+    """Number, caption and images of a frame; images are RGB uint8 (H, W, 3)."""
 
     frame: int
     caption: str
@@ -90,14 +90,14 @@ class Picture(NamedTuple):
     disparity: NDArray[np.uint8]
 
     def parts(self) -> dict[str, NDArray[np.uint8]]:
-        """Return the three by what they show."""
+        """Return the three images by their titles."""
         return {
             "left image as recorded": self.raw, "left image without the water": self.enhanced,
             "disparity": self.disparity,
         }
 
     def side_by_side(self, scale: ColourScale | None, assumed: str) -> Image8:
-        """Return the three in a row, with titles, visibility, what was assumed, and a scale."""
+        """Return the three images in a row, with titles, visibility, assumptions and a scale."""
         height = self.enhanced.shape[0]
         factor = height / self.raw.shape[0]
         raw = self.raw if factor == 1.0 else _fit(self.raw, round(self.raw.shape[1] * factor))
@@ -106,11 +106,11 @@ class Picture(NamedTuple):
 
 
 class Gallery:
-    """Pictures of a result's frames, from its folder and, raw ones, from the recording.
+    """Pictures of the frames of a result, from its folder; raw images from the recording.
 
-    table: of the result, as `read_table` returns it.
-    scale: of the disparities of all pictures; None where nothing matched, and all are black. It is
-        chosen from evenly spaced frames, and does not depend on which pictures are wanted.
+    table: table of the result, as `read_table` returns it.
+    scale: disparity scale of all pictures; None if nothing matched, and all are black. It is
+        chosen from evenly spaced frames, independent of the requested pictures.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class Gallery:
             self.scale = ColourScale.of(message for message in found if message is not None)
 
     def pictures(self, frames: Collection[int] | None = None) -> Iterator[Picture]:
-        """Yield pictures of the frames of these numbers, or of all, in order; only of results."""
+        """Yield pictures of the frames of these numbers, or of all; only those with a result."""
         with BagReader(self._folder / NAME) as results:
             for row in self._rows:
                 frame = int(self._table["frame"][row])
@@ -139,14 +139,14 @@ class Gallery:
                 if enhanced is None or disparity is None or raw is None:
                     continue
                 after = shown(read_pixels(enhanced, "image")[0])
-                # Black where nothing matched.
+                # Unmatched pixels are black.
                 drawn = np.zeros_like(after) if self.scale is None else draw_disparity(
                     read_disparity(disparity), *self.scale[:2])
                 before = shown(read_pixels(raw, "image")[0])
                 yield Picture(frame, self._caption(row), before, after, drawn)
 
     def write(self, options: ReplayOptions, assumed: str) -> None:
-        """Write ``images/`` and ``video.mp4``, where they are wanted; `assumed` stands in them.
+        """Write ``images/`` and ``video.mp4`` if requested, with the assumptions `assumed`.
 
         Raises `InputError` if the video cannot be written.
         """
@@ -161,8 +161,8 @@ class Gallery:
             _write_video(folder / "video.mp4", frames, np.diff(self._table["stamp"]))
 
     def _at(self, reader: BagReader, topic: str, row: int) -> Any:
-        """Return the message of a topic that belongs to a row's frame."""
-        # A number holds a time in s to a quarter of a microsecond.
+        """Return the message of a topic for the frame of a row."""
+        # A float64 time in s has a resolution of a quarter of a microsecond.
         time = round(1e9 * self._table["time"][row])
         for message in reader.messages([topic], time - 1000, time + 1000):
             stamp = header_stamp(message.data, ros1=reader.ros1)
@@ -171,7 +171,7 @@ class Gallery:
         return None
 
     def _caption(self, row: int) -> str:
-        """Say which frame it is, and how far one sees or why that is not known, in one line."""
+        """Return a caption in one line: frame, and visibility distance or the reason for none."""
         name = "visibility_distance"
         typical = [float(self._table[f"{name}{end}"][row]) for end in ("_low", "", "_high")]
         if np.isfinite(typical).all():
@@ -185,7 +185,7 @@ class Gallery:
 
 
 def _write_video(path: Path, frames: Iterator[Image8], steps: Array) -> None:
-    """Write pictures as a video at the median rate of the frames, `steps` apart in s."""
+    """Write pictures as a video at the median rate of the frames; `steps` between them in s."""
     steps = steps[steps > 0.0]
     rate = float(np.clip(1.0 / np.median(steps), 0.5, 60.0)) if steps.size else 5.0
     writer: Any = None
@@ -209,7 +209,7 @@ def _fit(image: Image8, width: int) -> NDArray[np.uint8]:
 
 
 def preview(image: Image8, width: int) -> tuple[bytes, tuple[int, int]]:
-    """Return an image as PNG, at most so wide, with its height and width."""
+    """Return an image of limited width as PNG, with its height and width."""
     if image.shape[1] > width:
         image = _fit(image, width)
     _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Report of a replay: one HTML page that loads nothing from elsewhere."""
+"""Report of a replay: one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -60,10 +60,10 @@ def write_report(
     folder: Path, columns: Columns, gallery: Gallery, summary: Summary,
     joins: Sequence[Mapping[str, Any]] = (),
 ) -> None:
-    """Write ``report.html`` to a result's folder.
+    """Write ``report.html`` to the folder of a result.
 
-    columns: its table, as `read_table` returns it.
-    joins: sections of `fit_joins`.
+    columns: table of the result, as `read_table` returns it.
+    joins: sections from `fit_joins`.
     """
     contrast = float(summary.provenance["parameters"]["assessment.contrast"])
     shown: list[dict[str, Any]] = [
@@ -105,7 +105,7 @@ def _view(what: str, image: Image8) -> dict[str, Any]:
 
 
 def _representative(columns: Columns, summary: Summary) -> set[int]:
-    """Choose frames: evenly spaced ones, the worst and the best, one of each refusal."""
+    """Choose frames: evenly spaced ones, the worst and the best, and one per refusal."""
     usable = columns["reason"] == ""
     frames = columns["frame"][usable].astype(int)
     if not frames.size:
@@ -150,14 +150,14 @@ MEASURED = {
 
 
 def _part(part: str | Frame, linked: Collection[int]) -> str | dict[str, str]:
-    """Return a part of a sentence; frames with a picture on the page link to it."""
+    """Return a part of a sentence, as link for a frame with a picture on the page."""
     if isinstance(part, Frame) and part.number in linked:
         return {"text": str(part), "href": f"#frame-{part.number}"}
     return str(part)
 
 
 def quantities(columns: Columns, summary: Summary, short: str) -> list[dict[str, str]]:
-    """Return the rows of the table of quantities: those of the verdict, then what is beside them.
+    """Return the rows of the table of quantities: those of the verdict, then others.
 
     short: formula of visibility distance.
     """
@@ -180,12 +180,12 @@ def quantities(columns: Columns, summary: Summary, short: str) -> list[dict[str,
         recorded = percentage(float(np.median(original)))
         rows.append({
             "title": "matched", "value": percentage(float(np.median(enhanced))),
-            "what": f"part of the left image, median; {recorded} of the pairs as recorded"})
+            "what": f"part of the left image, median; {recorded} without restoration"})
     return rows + _water_type(summary)
 
 
 def _extent(known: int, frames: int, low: float, high: float, unit: str) -> str:
-    """Say in how many frames a quantity is known, and its 90 % range."""
+    """Return as text in how many frames a quantity is known, and its 90 % range."""
     if known == 1 < frames:
         return f"in 1 of {frames} frames"
     median = "median" if known == frames else f"median of {known} of {frames} frames"
@@ -194,12 +194,12 @@ def _extent(known: int, frames: int, low: float, high: float, unit: str) -> str:
 
 
 def _water_type(summary: Summary) -> list[dict[str, str]]:
-    """Return the Jerlov type that most frames are nearest to."""
+    """Return the nearest Jerlov type of most frames, as rows of the table."""
     types = summary.counts["filtered_water_type"] or summary.counts["water_type"]
     frames = ", ".join(f"{name} ({count})" for name, count in sorted(types.items()))
     return [{
         "title": "nearest Jerlov type", "value": name,
-        "what": "water type whose beam attenuation, as this camera sees it, is the likeliest; "
+        "what": "most likely water type by beam attenuation as seen by this camera; "
         f"frames: {frames}",
         "caveat": "Types are defined by Kd; particles shift them by a type or more.",
         "source": "Williamson and Hollins 2022, doi:10.1364/AO.470464; Solonenko and Mobley 2015, "
@@ -208,7 +208,7 @@ def _water_type(summary: Summary) -> list[dict[str, str]]:
 
 
 def write_page(path: Path, template: str, **values: Any) -> None:
-    """Write a page by its template; text is escaped, and freed of control characters."""
+    """Write a page by its template; text is escaped, without control characters."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("uw_visibility.replay.report"), autoescape=True,
         trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined, finalize=_shown,
@@ -221,13 +221,13 @@ def write_page(path: Path, template: str, **values: Any) -> None:
 
 
 def _shown(value: Any) -> Any:
-    """Value as it is shown: text from outside without control characters."""
+    """Value for the page: text from outside without control characters."""
     own = isinstance(value, Markup) or not isinstance(value, str)
     return value if own else printable(value, LONGEST_MESSAGE)
 
 
 AGAINST = "beam_attenuation"
-"""Column that joined topics are held against."""
+"""Column to which joined topics are compared."""
 
 
 def fit_joins(
@@ -252,16 +252,16 @@ def _sentence(fit: LineFit | None, both: int, values: Array) -> str:
     known = int(np.count_nonzero(np.isfinite(values)))
     if fit is None:
         return (
-            f"{known} of {len(values)} frames have a value, {both} of them beside an estimate: "
-            f"too few or too much alike for a fit, which needs {FEWEST} different ones."
+            f"{known} of {len(values)} frames have a value, {both} of them with an estimate: "
+            f"too few or too similar for a fit, which needs {FEWEST} different ones."
         )
     left = f"{fit.residual_stddev:.2g} beyond" if fit.residual_stddev else "within"
     return (
         f"{fit.source} = ({fit.intercept:.3g} ± {fit.intercept_stddev:.2g}) + "
         f"({fit.slope:.3g} ± {fit.slope_stddev:.2g}) m · beam attenuation, over {fit.frames} "
-        f"frames from {fit.low:.3g} to {fit.high:.3g} 1/m; correlation {fit.correlation:.2f}. What "
-        f"is left of the values is {left} the standard deviations of the estimates. Beam "
-        f"attenuation is as the camera sees it: a transmissometer reads {BEAM_OVER_SEEN:g} times "
+        f"frames from {fit.low:.3g} to {fit.high:.3g} 1/m; correlation {fit.correlation:.2f}. The "
+        f"residuals are {left} the standard deviations of the estimates. Beam attenuation is as "
+        f"seen by the camera: a transmissometer reads {BEAM_OVER_SEEN:g} times "
         f"as much, within a factor of {np.exp(BEAM_OVER_SEEN_DEVIATION):.2g}."
     )
 
@@ -279,7 +279,7 @@ def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Marku
             x, y, xerr=x_stddev, fmt=".", color=ESTIMATE, elinewidth=0.6, alpha=0.6,
             label="frames")
         scatter.set(xlabel="beam attenuation, green [1/m]", ylabel=title)
-        residuals.set_ylabel(f"{title} less the fit")
+        residuals.set_ylabel(f"{title} minus fit")
         if fit is None:
             residuals.text(0.5, 0.5, "no fit", transform=residuals.transAxes, ha="center")
         else:

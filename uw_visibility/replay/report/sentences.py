@@ -20,16 +20,16 @@ from uw_visibility.replay.results.summary import TAKEN, Summary
 from uw_visibility.replay.results.synopsis import TOLD, Synopsis
 from uw_visibility.water.meaning.derived import QUANTITIES
 
-# 1990, ns: unset clocks start in 1970 or 1980.
+# 1990, ns: clocks that were never set start in 1970 or 1980.
 FIRST_DATE = 631_152_000 * 10**9
-# Reasons in the sentences; the table of refusals has all.
+# Most reasons in a sentence; the table of refusals has all.
 MOST_REASONS = 3
 CLOCK_NOT_SET = (
-    "The recording's clock was not set: times are from when it began, not those of the day.")
+    "The recording's clock was not set: times do not show the time of day.")
 
 
 class Frame(NamedTuple):
-    """Frame in a sentence, of a recording among several or of one, to be linked to its picture."""
+    """Frame named in a sentence, to be linked to its picture; `transect` only of several."""
 
     transect: str
     number: int
@@ -42,12 +42,12 @@ Sentence = list[str | Frame]
 
 
 def verdict(summary: Summary) -> list[Sentence]:
-    """Return the parts of the opening sentences; none without a synopsis."""
+    """Return the opening sentences, each in parts; none without a synopsis."""
     synopsis = summary.synopsis
     if synopsis is None:
         return []
     if not synopsis.frames:
-        return [["There are no frames, so that nothing can be said of the water."]]
+        return [["There are no frames, so that nothing can be said about the water."]]
     found = [_seen(synopsis)]
     if synopsis.told:
         found += [_headline(synopsis)] if synopsis.typical else []
@@ -61,7 +61,7 @@ def verdict(summary: Summary) -> list[Sentence]:
 
 
 def assumed(summary: Summary) -> str:
-    """Say what is assumed of camera and light in a recording."""
+    """Return the assumptions about camera and light of a recording."""
     baselines = () if summary.synopsis is None else summary.synopsis.baselines
     provenance = summary.provenance
     return assumptions(provenance["parameters"], provenance["told"], baselines)
@@ -73,13 +73,13 @@ def definition(contrast: float) -> str:
     return (
         "Black-disc visibility is closest to what divers call visibility: "
         f"{_lower(disc.definition)} ({disc.source}). {disc.caveat} "
-        "Visibility distance is where a white and a black patch side by side keep a Michelson "
-        f"contrast of {100.0 * contrast:g} %, before open water as bright as the white one (it is "
-        "larger where the water is darker): ln((1 + C)/(2C))/β = "
-        f"{formula(contrast)}, with C that contrast and β the attenuation of the clearest channel "
-        "(Roser, Dunbabin and Geiger 2014, eq. 12). It is not Koschmieder's distance of a black "
-        f"object before open water, ln(1/C)/c = {number(math.log(1.0 / contrast), 2)}/c (Duntley "
-        "1963)."
+        "Visibility distance is the distance at which a white and a black patch side by side have "
+        f"a Michelson contrast of {100.0 * contrast:g} %, in front of open water as bright as the "
+        "white patch (it is larger if the water is darker): ln((1 + C)/(2C))/β = "
+        f"{formula(contrast)}, where C is that contrast and β the attenuation of the clearest "
+        "channel (Roser, Dunbabin and Geiger 2014, eq. 12). It is not Koschmieder's distance of a "
+        "black object in front of open water, ln(1/C)/c = "
+        f"{number(math.log(1.0 / contrast), 2)}/c (Duntley 1963)."
     )
 
 
@@ -95,8 +95,8 @@ class Told(NamedTuple):
 def headline(typical: Mapping[str, Sequence[float]], paper: str) -> list[Told]:
     """Return the main quantities with their intervals.
 
-    typical: 16, 50 and 84 % by name, of those of `TOLD` that are known.
-    paper: formula and channel of the paper's visibility distance.
+    typical: 16, 50 and 84 % quantiles of those of `TOLD` that are known, by name.
+    paper: definition of visibility distance: formula and channel.
     """
     found = []
     for name in (name for name in TOLD if name in typical):
@@ -117,14 +117,14 @@ def formula(contrast: float) -> str:
 
 
 def time_span(start: int, end: int) -> str:
-    """Return two stamps, ns, in words; the day once where it is one."""
+    """Return the span between two stamps, ns, as text; the date once if both have the same."""
     first, last = (datetime.fromtimestamp(stamp / 1e9, UTC) for stamp in (start, end))
     again = "" if first.date() == last.date() else f"{last:%Y-%m-%d} "
     return f"{first:%Y-%m-%d %H:%M:%S} to {again}{last:%H:%M:%S} UTC"
 
 
 def clock(stamp: int) -> str:
-    """Return a stamp, ns, as the time of the day (UTC)."""
+    """Return a stamp, ns, as time of day (UTC)."""
     return f"{datetime.fromtimestamp(stamp / 1e9, UTC):%H:%M:%S} UTC"
 
 
@@ -141,7 +141,7 @@ def _seen(synopsis: Synopsis) -> Sentence:
         where = f", over ranges from {number(low, 2)} to {number(high, 2)} m"
     if not synopsis.assessed:
         return [
-            f"No single frame of {synopsis.frames} gives a visibility distance; taken "
+            f"None of {synopsis.frames} frames has a visibility distance of its own; taken "
             f"together, {synopsis.told} have one, {when}{where}."
         ]
     return [
@@ -154,7 +154,7 @@ def _headline(synopsis: Synopsis) -> Sentence:
     paper += ", filtered over frames" if synopsis.filtered else ""
     parts = "; ".join(
         f"{each.title} {each.value}: {each.what}" for each in headline(synopsis.typical, paper))
-    return [f"{_sentence(parts)} In brackets: 16th to 84th percentile, of the median frame."]
+    return [f"{_sentence(parts)} In brackets: 16th to 84th percentile of the median frame."]
 
 
 def _distance(synopsis: Synopsis) -> Sentence:
@@ -164,15 +164,15 @@ def _distance(synopsis: Synopsis) -> Sentence:
     apart, others = "", ""
     if synopsis.filtered and synopsis.rejected_distances:
         least, most = map(number, synopsis.rejected_distances)
-        shown = f"{least} m" if least == most else f"from {least} to {most} m"
-        apart = f" Frames that the filter rejected show {shown} by themselves."
-        others = "that the filter took "
+        shown = f"{least} m" if least == most else f"{least} to {most} m"
+        apart = f" Distances of frames that the filter rejected: {shown}."
+        others = "that the filter accepted "
     apart = f"{course(synopsis)}{apart}"
     if not synopsis.differs:
         spread = synopsis.relative_stddev * synopsis.median
         where = "throughout" if synopsis.constant else "in the median frame"
         if synopsis.constant and synopsis.assessed < synopsis.frames:
-            where = "in the frames that show it" if synopsis.assessed else "in these"
+            where = "in the frames that have one" if synopsis.assessed else "in these"
         return [
             f"Visibility distance was {rounded(synopsis.median, spread)} m {where}: differences "
             f"between frames {others}are within the standard deviations. "
@@ -187,12 +187,12 @@ def _distance(synopsis: Synopsis) -> Sentence:
 
 
 def course(synopsis: Synopsis) -> str:
-    """Say that the distance jumps between two values, or rises or falls; nothing if neither."""
+    """Say whether the distance jumps between two values, rises or falls; empty if neither."""
     if synopsis.groups:
         (low, few), (high, many) = synopsis.groups
         return (
             f" Frames jump between two groups, {number(low)} m in {few} and {number(high)} m in "
-            f"{many}: at most one of them is right, unless the water changes as quickly.")
+            f"{many}: at most one of them is right, unless the water changes that fast.")
     if synopsis.trend:
         first, last = synopsis.trend
         return (
@@ -204,15 +204,15 @@ def course(synopsis: Synopsis) -> str:
 def _trust(synopsis: Synopsis) -> Sentence:
     text = (
         f"Uncertainty: the standard deviation is {percentage(synopsis.relative_stddev)} in the "
-        "median frame. It covers noise and the limits of the scene, not a wrong calibration or "
-        "camera setting."
+        "median frame. It includes noise and what the scene leaves open, but not a wrong "
+        "calibration or camera setting."
     )
     low, high = synopsis.lowest, synopsis.highest
     assert low is not None and high is not None
     if synopsis.differs and (synopsis.low < low.value or synopsis.high > high.value):
         text += (
-            " The worst and the best frame are chosen with one standard deviation taken into "
-            f"account; 90 % of the distances are from {number(synopsis.low)} to "
+            " The choice of the worst and the best frame allows for one standard deviation; "
+            f"90 % of the distances are from {number(synopsis.low)} to "
             f"{number(synopsis.high)} m."
         )
     if synopsis.ranges and synopsis.median > synopsis.ranges[1]:
@@ -222,8 +222,8 @@ def _trust(synopsis: Synopsis) -> Sentence:
         )
     if synopsis.filtered and synopsis.assessed and synopsis.told > synopsis.assessed:
         bridged = synopsis.told - synopsis.assessed
-        gives, own = ("gives", "has") if bridged == 1 else ("give", "have")
-        text += f" {amount(bridged, 'frame')} {gives} no distance and {own} that of other frames: "
+        own = "has no distance of its own, but" if bridged == 1 else "have none of their own, but"
+        text += f" {amount(bridged, 'frame')} {own} that of other frames: "
         text += "changes of the water in between are not detected."
     return [text]
 
@@ -238,8 +238,10 @@ def _refused(summary: Summary, synopsis: Synopsis) -> Sentence:
         if refused.intersection(refusal.what.split(", ")):
             counts[refusal.why] += refusal.count
     reasons = counts.most_common()
-    alone = "frame gives" if missing == 1 else "frames give"
-    text = f"{missing} {alone} no visibility distance alone. Reasons, with numbers of frames: "
+    own = "frame has no visibility distance of its own"
+    if missing > 1:
+        own = "frames have no visibility distance of their own"
+    text = f"{missing} {own}. Reasons, with numbers of frames: "
     if not (synopsis.assessed and synopsis.told):
         text = "Reasons why visibility could not be assessed, with numbers of frames: "
     text += "; ".join(_reason(*each) for each in reasons[:MOST_REASONS])
@@ -248,7 +250,7 @@ def _refused(summary: Summary, synopsis: Synopsis) -> Sentence:
 
 
 def _reason(reason: str, count: int) -> str:
-    """Say why, with what that means."""
+    """Return a reason with its count and, of a status, the meaning."""
     meant = {str(status): text for status, text in MEANINGS.items()}.get(reason, "")
     why = printable(reason)
     if meant:
@@ -282,7 +284,7 @@ def _lower(text: str) -> str:
 
 
 def _channels(synopsis: Synopsis) -> str:
-    """Name the channels that decide."""
+    """Name the channels that visibility distance is taken from."""
     counts = sorted(synopsis.channels.items(), key=lambda item: -item[1])
     if not counts:
         return "the clearest channel"
@@ -293,7 +295,7 @@ def _channels(synopsis: Synopsis) -> str:
 
 
 def rounded(value: float, stddev: float) -> str:
-    """Return a value and its standard deviation, where known, with the digits that this allows."""
+    """Return a value, with the digits that its standard deviation allows, and that if known."""
     if not math.isfinite(stddev):
         return number(value)
     spread = number(stddev, 2)
@@ -309,7 +311,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def share(part: int, whole: int) -> str:
-    """Return a share in words; 100 % means all."""
+    """Return a share as text; 100 % only for all, 0 % never."""
     if part == whole:
         return f"all {whole} frames" if whole > 1 else "the only frame"
     percent = min(max(100.0 * part / whole, 1.0), 99.0)
@@ -317,7 +319,7 @@ def share(part: int, whole: int) -> str:
 
 
 def amount(count: int, thing: str) -> str:
-    """Return how many of a thing there are."""
+    """Return a count with its noun, singular or plural."""
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
 
 

@@ -1,8 +1,8 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Drawings for a page: wide and narrow, in its colours, with names and values to hover over.
+"""Drawings for a page: wide and narrow, in its colours, with names and values on hovering.
 
-Colour-blind readers can tell the colours of data apart: they are from Okabe and Ito, Color
+Colour-blind readers can distinguish the colours of data, which are from Okabe and Ito, Color
 Universal Design (2008).
 """
 
@@ -21,7 +21,7 @@ from uw_visibility.errors import printable
 
 
 class Shade(NamedTuple):
-    """Colour in light and in dark, as ``#rrggbb``."""
+    """Colour on light and on dark pages, as ``#rrggbb``."""
 
     light: str
     dark: str
@@ -52,10 +52,10 @@ ESTIMATE, FILTERED, SENSOR = (DATA[name].light for name in ("estimate", "filtere
 INK, RULE, HOLLOW = SURFACES["ink"].light, SURFACES["rule"].light, SURFACES["muted"].light
 _VARIABLES = {shade.light: name for name, shade in (DATA | SURFACES).items()}
 
-# Inches; the narrow drawing is for a telephone, with the same size of letters.
+# Widths in inches; the narrow drawing is for phones, with the same font size.
 WIDE, NARROW = 9.0, 4.1
 STYLE = {
-    # Text stays text: it can be found, read out and has the page's font.
+    # Text stays text, for search, screen readers and the font of the page.
     "svg.fonttype": "none",
     "font.size": 9.0, "text.color": INK, "axes.labelcolor": INK, "axes.edgecolor": INK,
     "xtick.color": INK, "ytick.color": INK, "legend.labelcolor": INK,
@@ -72,16 +72,16 @@ def variables(dark: bool) -> str:
 
 
 def themed(svg: str) -> str:
-    """Return a drawing whose colours are those of the page that it is in."""
+    """Return a drawing with the colour variables of the page."""
     drawn = "|".join(colour for colour in _VARIABLES if colour != SURFACES["paper"].light)
     return re.sub(
         rf"(fill|stroke): ({drawn})\b", lambda m: f"{m[1]}: var(--{_VARIABLES[m[2]]})", svg)
 
 
 class Spot(NamedTuple):
-    """Part of a drawing that shows a text when it is pointed at.
+    """Part of a drawing with a text that is shown when pointed at.
 
-    It is as high as the axes, from `left` to `right` in their units.
+    It has the height of the axes, from `left` to `right` in their units.
     """
 
     axes: Any
@@ -100,12 +100,11 @@ def draw(
     """Draw a figure for wide and for narrow pages.
 
     name: unique on the page; letters, digits, ``-``.
-    title, description: what it is and what it shows, for screen readers.
+    title, description: title and content, for screen readers.
     height: inches.
-    paint: draws into a figure, told whether it is the narrow one, and returns what can be pointed
-        at there.
-    narrow_height: height of the narrow drawing; the same.
-    Returns two SVGs, of which the page shows one. The same result has the same drawing.
+    paint: draws into a figure, wide or narrow (True), and returns its spots.
+    narrow_height: height of the narrow drawing; by default `height`.
+    Returns two SVGs, of which the page shows one. Drawings are deterministic.
     """
     return Markup("").join(
         _draw(f"{name}-{'narrow' if narrow else 'wide'}", title, description,
@@ -117,13 +116,13 @@ def draw(
 def _draw(
     name: str, title: str, description: str, size: tuple[float, float], paint: Paint, narrow: bool
 ) -> Markup:
-    # A fixed salt and no date: the same result has the same page.
+    # A fixed salt and no date make drawings deterministic.
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
         figure = Figure(figsize=size)
         spots = list(paint(figure, narrow))
         stream = StringIO()
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-        # Touch screens have no hovering.
+        # Touch screens do not hover.
         over = "" if narrow else _over(figure, spots)
     text = stream.getvalue()
     start = text.index(">", text.index("<svg")) + 1
@@ -142,7 +141,7 @@ def _draw(
 
 
 def _over(figure: Figure, spots: Sequence[Spot]) -> str:
-    """Return invisible areas over a drawing, with their texts."""
+    """Return invisible areas over a drawing, with the texts of spots."""
     width, height = 72.0 * figure.get_figwidth(), 72.0 * figure.get_figheight()
     parts = []
     for spot in spots:

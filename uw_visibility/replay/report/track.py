@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Map of one replay or of several: tracks of the camera in the colour of what it saw."""
+"""Map of one or several replays: tracks of the camera, coloured by visibility or attenuation."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ COLOURED = {
 LARGEST_HEIGHT = 6.0
 # Cosine of 89.4 degrees of latitude.
 LEAST_COSINE = 0.01
-# Ends nearer to the start than this share of the map have neither marker nor label.
+# Ends closer to the start than this share of the map have no marker and no label.
 LABELLED = 0.08
-# Named tracks of several that start at one place.
+# Most names in the label of tracks that start at the same place.
 NAMED = 3
 METRES_PER_DEGREE = math.radians(EARTH_RADIUS)
 
 
 class _Track(NamedTuple):
-    """Known positions of a recording, and what was seen there."""
+    """Known positions of a recording, with the values there."""
 
     name: str
     x: Array
@@ -45,19 +45,19 @@ class _Track(NamedTuple):
 
 
 class _LongitudeFormatter(ScalarFormatter):
-    """Formatter of longitudes that go on beyond the date line."""
+    """Formatter of longitudes that are continued across the date line."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         return super().__call__(wrap_longitude(x), pos)
 
 
 def draw_tracks(recordings: Mapping[str, Columns]) -> list[Markup]:
-    """Draw the positions of frames, in the colours of visibility and of attenuation.
+    """Draw the positions of frames, coloured by visibility and by attenuation.
 
-    recordings: columns of the table of each, by its name.
-    Returns a map for each quantity that is known in a frame; one map without colours where none is
-    known; nothing where no frame has a position. Recordings with longitude and latitude are drawn
-    alone where there are both kinds.
+    recordings: columns of the tables, by name of the recording.
+    Returns a map for each quantity that is known in a frame; one map without colours if none is
+    known; nothing if no frame has a position. If only some recordings have longitude and latitude,
+    only those are drawn.
     """
     geographic = any(np.isfinite(c["longitude"]).any() for c in recordings.values())
     names = ("longitude", "latitude") if geographic else ("x", "y")
@@ -85,7 +85,7 @@ def _track(name: str, columns: Columns, names: tuple[str, str], quantity: str) -
 
 def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
     if geographic:
-        # Longitudes go on beyond the date line.
+        # Longitudes are continued across the date line.
         first = float(tracks[0].x[0])
         tracks = [
             track._replace(x=first + (track.x - first + 180.0) % 360.0 - 180.0)
@@ -137,9 +137,9 @@ def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
 def _labels(
     tracks: list[_Track], metres: tuple[float, float], near: float
 ) -> tuple[list[str], list[str | None]]:
-    """Return labels of starts and ends; one for all that are near one another, m.
+    """Return labels of starts and ends; starts within `near`, m, of one another have one label.
 
-    An end that is near its start has none, and no marker.
+    An end near its start has no label and no marker.
     """
     if len(tracks) > MOST_NAMES:
         return [""] * len(tracks), [""] * len(tracks)
@@ -154,7 +154,7 @@ def _labels(
 
 
 def _start(names: list[str]) -> str:
-    """Return the label of a place where tracks start; empty without tracks."""
+    """Return the label of the start of tracks; empty without tracks."""
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
     return f"{', '.join(names[:NAMED])}{more} start".strip() if names else ""
 
@@ -162,7 +162,7 @@ def _start(names: list[str]) -> str:
 def _paint_track(
     axes: Any, track: _Track, limits: tuple[float, float], start: str, end: str | None
 ) -> Any:
-    """Draw a track with labels of its ends; returns its coloured points, if any."""
+    """Draw a track with labels at its ends; returns its coloured points, if any."""
     axes.plot(track.x, track.y, color=HOLLOW, linewidth=0.8, zorder=1)
     seen = np.isfinite(track.seen)
     axes.scatter(track.x[~seen], track.y[~seen], s=22, facecolors="none", edgecolors=HOLLOW,
@@ -178,7 +178,7 @@ def _paint_track(
         axes.plot(track.x[place], track.y[place], marker=marker, markersize=12, zorder=4,
                   markerfacecolor="none", markeredgecolor=INK, markeredgewidth=1.4, linewidth=0.0)
         if label:
-            # Folder names may hold a dollar sign.
+            # Folder names may contain a dollar sign.
             axes.annotate(
                 printable(label), (track.x[place], track.y[place]), xytext=(7, 5),
                 textcoords="offset points", fontsize="small", zorder=5, parse_math=False)
@@ -186,7 +186,7 @@ def _paint_track(
 
 
 def _scale_bar(axes: Any, metres: float) -> None:
-    """Draw a bar of a round length below to the left; a unit of x is so many metres."""
+    """Draw a scale bar of a round length at the lower left; `metres` per unit of x."""
     low, high = axes.get_xlim()
     length = round_length(0.3 * (high - low) * metres)
     share = length / metres / (high - low)
@@ -197,12 +197,12 @@ def _scale_bar(axes: Any, metres: float) -> None:
 
 
 def round_length(longest: float) -> float:
-    """Return the longest of 1, 2 and 5 times a power of ten that is no longer than this."""
+    """Return the largest of 1, 2 and 5 times a power of ten up to `longest`."""
     power = 10.0 ** math.floor(math.log10(longest))
     return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest * (1.0 + 1e-9))
 
 
 def _height(wide: float, high: float, width: float) -> float:
-    """Return a height in inches for what is to be shown, m."""
+    """Return the height of a map in inches for its extent, m."""
     shape = high / wide if wide > 0.0 else 1.0
     return min(max(0.85 * width * shape + 0.8, 2.8), min(LARGEST_HEIGHT, 1.1 * width))

@@ -33,11 +33,11 @@ PROPERTIES = (
       for end in ("", "_stddev")),
     "water_type", "filtered_water_type", "filtering", "sensor_depth", "plausibility",
 )
-"""Properties of points: estimates, filtered or not, with standard deviations."""
+"""Properties of points: single and filtered estimates with standard deviations."""
 
 
 def check_exports(options: ReplayOptions) -> None:
-    """Import the libraries of the formats, before the work."""
+    """Import the libraries of the formats before the work begins."""
     if options.netcdf:
         _import_netcdf()
     if options.parquet:
@@ -48,11 +48,11 @@ def write_exports(
     folder: Path, table: Columns, columns: Mapping[str, Column],
     attributes: Mapping[str, Any], options: ReplayOptions, transects: Sequence[str] = (),
 ) -> None:
-    """Write a table, of these columns, in the formats that were asked for.
+    """Write a table with these columns in the requested formats.
 
     table: as `read_table` returns it.
-    attributes: its provenance, for the files' metadata.
-    transects: names of the recordings, where the table is of several.
+    attributes: its provenance, for the metadata of the files.
+    transects: names of the recordings, if the table has several.
     """
     if options.geo:
         more = [TRANSECT] * bool(transects) + [join.column for join in options.joins]
@@ -71,7 +71,7 @@ def write_geojson(
 ) -> None:
     """Write frames with a longitude and a latitude as points (RFC 7946).
 
-    Properties are the columns `PROPERTIES`, and `more` beside them.
+    Properties are the columns `PROPERTIES` and `more`.
     """
     before = "\n"
     with path.open("w", encoding="utf-8") as file:
@@ -107,7 +107,7 @@ def _write_parquet(
     path: Path, table: Columns, columns: Mapping[str, Column],
     attributes: Mapping[str, Any],
 ) -> None:
-    """Write a table as Parquet, with what each column is; texts are as in ``frames.csv``."""
+    """Write a table as Parquet, with metadata of columns; texts are as in ``frames.csv``."""
     arrow, parquet = _import_parquet()
     types = {
         "integer": arrow.int64(), "number": arrow.float64(),
@@ -148,14 +148,14 @@ DIMENSION = "obs"
 # Differs from the variable's name: CF coordinate variables must be numeric.
 INSTANCES = "transects"
 COORDINATES = ("datetime", "longitude", "latitude", "sensor_depth", "frame", "x", "y")
-"""Columns that say when and where, and which frame."""
-# Rows that are compressed together.
+"""Columns of time, position and number of the frame."""
+# Rows per compressed chunk.
 ROWS = 1024
 _UNKNOWN = np.int8(-1)
 
 _EPOCH = "seconds since 1970-01-01 00:00:00"
 _NAMES = {"datetime": "time", "longitude": "lon", "latitude": "lat", "time": "time_received"}
-"""Names of columns that differ in NetCDF."""
+"""Names in NetCDF of columns that have another name there."""
 
 
 def write_netcdf(
@@ -171,11 +171,11 @@ def write_netcdf(
 
     path, table: file to write, and the table as `read_table` returns it.
     columns: its columns.
-    attributes: global attributes; what is no text is written as JSON.
+    attributes: global attributes; values other than text are written as JSON.
     wavelengths: (3,) float64, effective wavelengths of the channels, nm.
     transects: names in the column `TRANSECT`, of a table of several recordings: an indexed ragged
         array (chapter H.4.4).
-    given: global attributes that stand before those of this package.
+    given: global attributes of the user, which override those of this package.
 
     References
     ----------
@@ -206,7 +206,7 @@ def write_netcdf(
 
 
 def _bounds(values: Mapping[str, NDArray]) -> dict[str, str | float]:
-    """Return the attributes that say when and where: of what is known of smallest and largest."""
+    """Return the attributes of the extent in time and space, from known values."""
     known = {}
     for name in map(_name, COORDINATES):
         finite = values[name][np.isfinite(values[name])]
@@ -323,7 +323,7 @@ def _encoding(column: Column) -> dict[str, Any]:
 
 
 def _scalars(wavelengths: Array, identity: str | Sequence[str]) -> dict[str, Any]:
-    """Variables beside the observations: name of each trajectory, wavelengths of the channels."""
+    """Variables in addition to observations: names of trajectories, wavelengths of channels."""
     several = not isinstance(identity, str)
     found: dict[str, Any] = {
         "trajectory": (
@@ -344,21 +344,21 @@ def _global(attributes: Mapping[str, Any]) -> dict[str, str]:
         "Conventions": CONVENTIONS, "featureType": "trajectory",
         "title": "Water attenuation, visibility and depth from a stereo camera",
         "summary": "Attenuation of light by water in three colour channels, visibility, depth and "
-        "what derives from them, with standard deviations: of each stereo pair by itself and "
-        "filtered over pairs.",
+        "derived quantities, with standard deviations: of single stereo pairs and filtered over "
+        "pairs.",
         "keywords": "EARTH SCIENCE > OCEANS > OCEAN OPTICS > ATTENUATION/TRANSMISSION, EARTH "
         "SCIENCE > OCEANS > OCEAN OPTICS > SECCHI DEPTH",
         "keywords_vocabulary": "GCMD Science Keywords",
         "standard_name_vocabulary": "CF Standard Name Table v90",
-        "processing_level": "geophysical quantities of each frame, and filtered over frames",
-        # The same recording and parameters have the same one.
+        "processing_level": "geophysical quantities of single frames, and filtered over frames",
+        # The same for the same recording and parameters.
         "id": str(uuid.uuid5(uuid.NAMESPACE_OID, texts["input_sha256"] + texts["parameters"])),
         "product_version": texts["version"],
         "source": "images of a stereo camera under water",
         "history": f"uw_visibility {texts['version']}, replay of {texts['bag']}",
         "references": "Roser, Dunbabin and Geiger, Simultaneous Underwater Visibility "
         "Assessment, Enhancement and Improved Stereo, ICRA 2014",
-        "comment": "A value is missing where it could not be assessed; the status beside it "
-        "says why. Positions are missing where none was recorded.",
+        "comment": "Values that could not be assessed are missing; their status has the reason. "
+        "Positions are missing if none were recorded.",
         **{f"uw_visibility_{name}": text for name, text in texts.items()},
     }

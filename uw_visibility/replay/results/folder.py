@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Result folder: written aside, named when complete, never over another one."""
+"""Result folder: written beside the target, renamed when complete, never over another one."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from uw_visibility.config.documents import read_document
 from uw_visibility.config.files import Products, check_replaced, identity, replace_folder
 from uw_visibility.errors import InputError, refusing
 
-# Mark of a result folder.
+# File that marks a result folder.
 MARK = "replay.json"
 TABLE = "frames.csv"
 DAY_MARK = "transects.json"
-"""Mark of a folder of several results."""
+"""File that marks a folder of several results."""
 PARTIAL = ".partial"
 OLD = ".old"
-# Files that exist before the first frame. Messages are recorded in a folder of
-# their own until they are complete.
+# Files that exist before the first frame. Messages are recorded in a separate folder until they
+# are complete.
 FIRST = {
     "frames.csv", "frames.csv-metadata.json", "frames.jsonl", "results", "results.mcap",
     MARK, MARK + ".new",
@@ -33,9 +33,9 @@ RESULT = Products(
         "images/", "images/frame_[0-9]*.png",
         "results/", "results/results.mcap", "results/metadata.yaml"),
     "no replay")
-"""Files of a result, and of a partial one."""
+"""Files of a complete or partial result."""
 DAY = Products(DAY_MARK, ("index.html", *TABLES), "no replay of several recordings", folders=RESULT)
-"""Files of the results of several recordings, with a folder for each."""
+"""Files for several recordings, with a folder for the result of each."""
 
 
 def partial_of(target: Path) -> Path:
@@ -44,9 +44,9 @@ def partial_of(target: Path) -> Path:
 
 
 def partial_refused(partial: Path) -> InputError:
-    """Return the error of a partial result that is neither to be resumed nor replaced."""
+    """Return the error for a partial result without --resume and --force."""
     return InputError(
-        f"{partial} is a partial result: --resume goes on from it, --force begins anew")
+        f"{partial} is a partial result: --resume continues it, --force starts over")
 
 
 def places_of(target: Path) -> list[Path]:
@@ -75,22 +75,22 @@ def check_target(target: Path, force: bool) -> None:
 
 
 def products_of(folder: Path) -> Products:
-    """Return what a folder of results holds: one, or those of several recordings."""
+    """Return the files of a folder of results, of one or several recordings."""
     return DAY if (folder / DAY_MARK).is_file() else RESULT
 
 
 def refuse_to_replace(target: Path | str, products: Products, marked: bool, force: bool) -> None:
-    """Refuse to replace what is no result, or a result without force."""
+    """Refuse to replace a folder that is not a result, or a result without `force`."""
     if not marked:
         raise InputError(f"{target} exists already and is {products.what}: give another name")
     if not force:
-        several = " and is of several recordings" if products is DAY else ""
+        several = " with several recordings" if products is DAY else ""
         raise InputError(
             f"{target} exists already{several}: give another name, or --force to replace")
 
 
 def check_names(names: Sequence[str]) -> None:
-    """Refuse names of recordings whose results would overwrite one another."""
+    """Refuse names of recordings whose results would overwrite each other."""
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"two bags are named {twice[0]}: replay them one by one")
@@ -98,26 +98,26 @@ def check_names(names: Sequence[str]) -> None:
     for name in names:
         if name in taken or name == MARK or DAY.includes(name):
             raise InputError(
-                f"a bag is named {name}, as what is written beside its results: rename it, or "
-                "replay it by itself")
+                f"a bag is named {name}, like a file or folder beside its results: rename it, or "
+                "replay it separately")
 
 
 def read_state(folder: Path) -> dict[str, Any]:
     """Read the state of a result: origin and completeness.
 
-    Raises `InputError` if that cannot be read.
+    Raises `InputError` if it cannot be read.
     """
     state = read_document(folder / MARK, "state")
     if not isinstance(state, dict):
-        raise InputError(f"state {folder / MARK} holds no named values")
+        raise InputError(f"state {folder / MARK} has no named values")
     return state
 
 
 class ResultFolder:
-    """Folder that a replay writes; it appears under its name when all is there.
+    """Folder that a replay writes, which is renamed to its target when complete.
 
     work: folder to write to, beside the target.
-    earlier: folder of the partial result to go on from.
+    earlier: folder of the partial result to continue.
     """
 
     def __init__(self, target: Path, *, force: bool = False, resume: bool = False) -> None:
@@ -129,7 +129,7 @@ class ResultFolder:
         with refusing(f"cannot make folder {self.work}"):
             self._make_room(force, resume)
             self.work.mkdir(parents=True)
-            # At once: the folder of a killed run must be recognised and removable.
+            # At once, so that the folder of a killed run is recognised and can be removed.
             (self.work / MARK).touch()
 
     def write_state(self, state: dict[str, Any]) -> None:
@@ -146,18 +146,18 @@ class ResultFolder:
             self.earlier = None
 
     def forget_earlier(self) -> None:
-        """Remove the partial result, all of which has been taken over."""
+        """Remove the earlier partial result, which has been taken over completely."""
         if self.earlier is not None:
             RESULT.remove(self.earlier)
             self.earlier = None
 
     def check_complete(self) -> None:
-        """Refuse to rename the result where something else has come to its target meanwhile."""
+        """Refuse to rename the result if something else appeared at its target meanwhile."""
         try:
             check_replaced(self.target, products_of(self.target), self._before)
         except InputError as error:
             raise InputError(
-                f"{error}; the result is in {self.work}, and --resume takes it from there"
+                f"{error}; the result is in {self.work}, and --resume completes it"
             ) from error
 
     def complete(self) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Join of frames with the sensors' values around them, in the order of the recording."""
+"""Join of frames with values of sensors, in the order of the recording."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from uw_visibility.water.series.filter import FilteredWater
 
 
 class Joiner:
-    """Join of table rows with the depth sensor, its test, positions and numbers of other topics.
+    """Join of frames with the depth sensor, its test, positions and numbers of other topics.
 
-    A frame waits until the sensors' values enclose its stamp, or are too far
-    behind it. The output depends only on the order of the input.
+    A frame waits until values of the sensors enclose its stamp, or are too late. The output depends
+    only on the order of the input.
 
-    config: the sensor's type is "none" where there is none.
-    origin, joins, tolerance: as `ReplayOptions` has them.
+    config: its sensor type is "none" without a sensor.
+    origin, joins, tolerance: see `ReplayOptions`.
     unplaced: number of frames without a position.
     """
 
@@ -63,9 +63,9 @@ class Joiner:
     def add_frame(
         self, record: FrameRecord, filtered: FilteredWater | None = None
     ) -> Iterator[JoinedFrame]:
-        """Take a frame; yields the frames that are complete."""
+        """Add a frame; yields completed frames."""
         self._now = record.time / 1e9
-        # As in the node, a frame without result does not affect its neighbours.
+        # As in the node, frames without result do not affect others.
         if self._monitor is not None and record.estimate is not None:
             depth = record.estimate.depth(record.stamp)
             status = record.estimate.visibility.depth_status
@@ -76,7 +76,7 @@ class Joiner:
     def add(
         self, event: SensorValue | Position | ScalarValue | Restart
     ) -> Iterator[JoinedFrame]:
-        """Take a sensor value or a restart; yields the frames that are complete."""
+        """Add a sensor value or a restart; yields completed frames."""
         if isinstance(event, ScalarValue):
             self._scalars[event.source].add(event)
         elif isinstance(event, Position):
@@ -88,12 +88,12 @@ class Joiner:
                 self._note(self._monitor.add_sensor(event.sample, self._now))
                 self._depths.add(event.sample)
             else:
-                # The stamps of the images jumped back: the test begins anew.
+                # The stamps of the images jumped back, so the test restarts.
                 self._monitor.reset()
         yield from self._complete()
 
     def finish(self) -> Iterator[JoinedFrame]:
-        """Yield the frames that still wait: nothing more will come."""
+        """Yield the frames that still wait, at the end of the recording."""
         yield from self._complete(at_end=True)
 
     def _note(self, comparisons: list[Comparison]) -> None:

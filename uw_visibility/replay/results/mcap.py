@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Output bag of a replay, results.mcap: what is in it, and taking over an earlier part."""
+"""Output bag of a replay, results.mcap: its contents, and frames of an interrupted replay."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DIAGNOSTICS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 class EarlierPart:
     """Frames of an interrupted replay, to be reused.
 
-    Messages are those of topics that a frame alone fills; others are made anew.
+    Only messages of topics that depend on a single frame are reused.
     """
 
     def __init__(self, folder: Path, topics: Collection[str]) -> None:
@@ -56,11 +56,11 @@ class EarlierPart:
             yield FrameAnswer(record, group[1], resumed=True)
 
     def _groups(self) -> Iterator[tuple[int, list[tuple[str, bytes]]]]:
-        """Yield time and messages of the frames that have some."""
+        """Yield time and messages of the frames with messages."""
         path = self._folder / NAME
         whole = path.is_file()
         if not whole:
-            # After a crash the file is where it was written, without an end.
+            # After a crash the file is still in its first folder, without an end.
             path = self._folder / "results" / NAME
         try:
             reader = BagReader(path)
@@ -72,7 +72,7 @@ class EarlierPart:
                 if message.topic not in self._topics:
                     continue
                 topic = message.topic.removeprefix("/")
-                # Each topic comes once with a frame, at the frame's time, or not at all.
+                # A frame has at most one message per topic, at the time of the frame.
                 if group and (message.time != time or topic in group):
                     yield time, list(group.items())
                     group = {}
@@ -85,7 +85,7 @@ class EarlierPart:
 def copied_topics(
     selection: Selection, channels: Mapping[str, Channel]
 ) -> dict[str, tuple[str, str]]:
-    """Return the inputs that are copied to the results."""
+    """Return name and type in the results of each input topic that is copied."""
     names = {selection.left: "/left/image_rect", selection.left_info: "/left/camera_info"}
     if channels[selection.left].type == COMPRESSED:
         names[selection.left] += "/compressed"
@@ -97,7 +97,7 @@ def copied_topics(
 
 
 def diagnostics(make: MessageFactory, joined: JoinedFrame) -> Any:
-    """Make a DiagnosticArray of a frame: what was assessed, or why not."""
+    """Make a DiagnosticArray of a frame: statuses of its quantities."""
     estimate, reason = joined.record.estimate, joined.record.reason
     states = {"pipeline": reason or "ok"}
     if estimate is not None:

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Provenance of a result: version, parameters, and the input's hash."""
+"""Provenance of a result: version, parameters, and hash of the input."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ SAMPLE, SAMPLES = 1 << 16, 64
 def fingerprint(files: Sequence[Path]) -> str:
     """Fingerprint of files: names, sizes and samples of their bytes.
 
-    It is a hash of names, sizes, both ends, and samples spread over each file: to
-    read a day's recordings whole takes as long as replaying them. Files of up to
-    6 MiB are taken whole.
+    A hash of names, sizes, both ends, and samples spread over each file, because reading a
+    day of recordings completely takes as long as replaying them. Files of up to 6 MiB are read
+    completely.
     """
     total = hashlib.sha256()
     for path in files:
@@ -37,7 +37,7 @@ def fingerprint(files: Sequence[Path]) -> str:
 
 
 def _samples(size: int) -> list[tuple[int, int]]:
-    """Return offsets and lengths of the samples of a file of so many bytes."""
+    """Return offsets and lengths of the samples of a file of `size` bytes."""
     if size <= 2 * BLOCK + SAMPLES * SAMPLE:
         return [(0, size)]
     step = (size - 2 * BLOCK) // SAMPLES
@@ -47,10 +47,9 @@ def _samples(size: int) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class Origin:
-    """Origin of a result, with all parameters that change it: the same one makes the same result.
-    """
+    """Origin of a result, with all parameters that affect it: same origin, same result."""
 
-    # bag, fingerprint: name of the recording, and what tells its files from others
+    # bag, fingerprint: name of the recording, and fingerprint of its files
     bag: str
     fingerprint: str
     version: str  # of the package
@@ -58,11 +57,11 @@ class Origin:
 
     @classmethod
     def of(cls, bag: Path, files: Sequence[Path], parameters: dict[str, Any]) -> Origin:
-        """Return the origin of a result to be made now."""
+        """Return the origin of a new result."""
         return cls(bag.name, fingerprint(files), __version__, parameters)
 
     def difference(self, state: Mapping[str, Any]) -> str:
-        """Say how the state of another result differs from this; "" if it does not."""
+        """Return how the state of another result differs from this, as text; "" if it does not."""
         if state.get("fingerprint") != self.fingerprint:
             return f"is not of {self.bag} as it is now"
         if state.get("version") != self.version:
@@ -80,7 +79,7 @@ class Origin:
 
 
 def texts_of(provenance: Mapping[str, Any]) -> dict[str, str]:
-    """Return a provenance as metadata of files have it: what is no text as JSON."""
+    """Return a provenance as texts for metadata of files; other values as JSON."""
     return {
         name: value if isinstance(value, str) else json.dumps(value)
         for name, value in provenance.items()
@@ -88,7 +87,7 @@ def texts_of(provenance: Mapping[str, Any]) -> dict[str, str]:
 
 
 class FileHash:
-    """SHA-256 of files' contents one after the other, computed in a background thread."""
+    """SHA-256 of the contents of files, one after the other, computed in a background thread."""
 
     def __init__(self, files: Sequence[Path]) -> None:
         self._files = list(files)
@@ -99,7 +98,7 @@ class FileHash:
         self._thread.start()
 
     def result(self) -> str:
-        """Wait and return the hash, as hexadecimal digits."""
+        """Wait for the hash, and return it as hexadecimal digits."""
         self._thread.join()
         if self._error is not None:
             return f"not readable: {self._error.strerror}"

@@ -41,7 +41,7 @@ def row_of(
     columns: Mapping[str, Column], joined: JoinedFrame, model: DerivedModel,
     turbidity: LineFit | None = None,
 ) -> dict[str, str]:
-    """Write a frame as a row of the table, and derive its quantities; what it lacks stays empty."""
+    """Return a frame as a row of the table, and derive its quantities; unknown cells are empty."""
     estimate = joined.record.estimate
     joined.derived = None if estimate is None else model.derive(estimate.water)
     if joined.filtered is not None:
@@ -58,7 +58,7 @@ def row_of(
 
 
 def frame_topics(options: ReplayOptions) -> list[str]:
-    """Return the topics that a frame alone fills: all but those of the filter over frames."""
+    """Return the topics that depend on a single frame: all except those filtered over frames."""
     topics = list(all_topics(options.node))
     if not options.pipeline.tracking.enabled:
         return topics
@@ -66,11 +66,11 @@ def frame_topics(options: ReplayOptions) -> list[str]:
 
 
 class FrameRecorder:
-    """Writer of frames' rows and messages, with the filter over frames.
+    """Writer of rows and messages of frames, with the filter over frames.
 
-    copied: by a recorded topic the name and the type of its copy in results.mcap.
-    filter: takes the frames in order, whichever process answered them.
-    baselines: of the frames' rigs, m.
+    copied: name and type of the copy in results.mcap, by recorded topic.
+    filter: filter over the frames in their order, independent of processes.
+    baselines: baselines of the rigs of frames, m.
     """
 
     def __init__(
@@ -94,11 +94,11 @@ class FrameRecorder:
             absolute[DIAGNOSTICS] = DIAGNOSTICS_TYPE
         self._bag = BagWriter(folder / "results", absolute, in_place=True, compress=True)
         self.filter = WaterFilter(options.pipeline)
-        # What only a resumed replay would need; each line is on disk at once.
+        # Only for a resumed replay; each line is written at once.
         self._log = (folder / LOG).open("w", encoding="ascii", buffering=1)
 
     def write_frame(self, answer: FrameAnswer) -> FilteredWater | None:
-        """Write the messages of a frame, filtered ones too; returns the filtered estimate."""
+        """Write the messages of a frame, also filtered ones; returns the filtered estimate."""
         record, filtered = answer.record, None
         for topic, data in answer.messages:
             self._bag.write_serialised(f"/{topic}", data, record.time)
@@ -114,7 +114,7 @@ class FrameRecorder:
         return filtered
 
     def write_row(self, joined: JoinedFrame) -> None:
-        """Write a row that is complete, and the comparison with the sensor in it."""
+        """Write a completed row, and messages of its comparison with the sensor."""
         self._table.write(row_of(self.columns, joined, self._model, self._options.turbidity))
         make, time = self._bag.make, joined.record.time
         if joined.comparison is not None:
@@ -125,7 +125,7 @@ class FrameRecorder:
             self._bag.write(DIAGNOSTICS, diagnostics(make, joined), time)
 
     def copy(self, message: Recorded, *, ros1: bool) -> None:
-        """Write a recorded message under the name that it has in results.mcap."""
+        """Copy a recorded message, under its name in results.mcap."""
         name, kind = self._copied[message.topic]
         data = jazzy_types()[0].ros1_to_cdr(message.data, kind) if ros1 else message.data
         self._bag.write_serialised(name, bytes(data), message.time)

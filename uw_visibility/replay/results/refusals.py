@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Refusals: quantities not assessable, by frames and reason."""
+"""Refusals: quantities that were not assessable, by frames and reason."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PLAUSIBILITY = "plausibility of the depth sensor"
 # Status column of each quantity.
 STATUS_COLUMNS = {"water": "status", DISTANCE: "visibility_status",
                   "depth by colour": "depth_status"}
-# Verdicts that judge the sensor.
+# Verdicts on the sensor; others have a reason for no verdict.
 JUDGED = (Verdict.OK, Verdict.WARN, Verdict.ERROR)
 MOST_RUNS = 8
 
@@ -37,12 +37,12 @@ class Refusal:
     # what, why: quantities and reason
     what: str
     why: str
-    count: int  # frames
-    frames: str  # which, as numbers; not all, where they are many
+    count: int  # number of frames
+    frames: str  # their numbers, shortened if there are many
 
 
 def refusals(columns: Columns) -> list[Refusal]:
-    """Return what was not assessable in the frames of a table."""
+    """Return the refusals in the frames of a table."""
     found: dict[tuple[str, str], list[int]] = {}
     reasons: Counter[str] = Counter()
     for place in range(len(columns["frame"])):
@@ -60,7 +60,7 @@ def refusals(columns: Columns) -> list[Refusal]:
 
 
 def _frames(places: Sequence[int], numbers: NDArray) -> str:
-    """Name frames by the first and the last one of each run of neighbours in the table."""
+    """Return frame numbers as runs of neighbours in the table, first and last of each."""
     runs = np.split(places, np.flatnonzero(np.diff(places) > 1) + 1)
     ends = [
         [f"{numbers[place]:.0f}" for place in dict.fromkeys(run[[0, -1]])]
@@ -87,5 +87,5 @@ def _refused(columns: Columns, place: int) -> Iterator[tuple[str, str]]:
         yield OVER_FRAMES, COLUMNS[column].meaning(value(column))
     verdict = COLUMNS["plausibility"].meaning(value("plausibility"))
     if verdict and verdict not in JUDGED:
-        # Frames with the same reason differ in its numbers.
+        # Numbers are replaced, so that frames with the same reason are counted together.
         yield PLAUSIBILITY, re.sub(r"\d+(\.\d+)?", "…", value("plausibility_reason")) or verdict

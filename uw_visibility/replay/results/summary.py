@@ -25,7 +25,7 @@ TAKEN = (TrackingEvent.STARTED, TrackingEvent.UPDATED, TrackingEvent.RESTARTED)
 COUNTED = (
     "status", "visibility_status", "depth_status", "filtering", "plausibility", "water_type",
     "filtered_water_type")
-"""Columns whose words are counted."""
+"""Columns of which the words are counted."""
 
 
 @dataclass
@@ -33,31 +33,31 @@ class Summary:
     bag: str
     output: str
     complete: bool = False
-    resumed: int = 0  # rows of an earlier part
-    # images that became part of no frame, by reason
+    resumed: int = 0  # rows taken from an earlier, interrupted replay
+    # images that are in no frame, by reason
     dropped: Counter[str] = field(default_factory=Counter)
     damage: list[str] = field(default_factory=list)
-    # topics to join that this one of several recordings lacks
+    # missing topics to join, with the reason; only with several recordings
     lacks: list[str] = field(default_factory=list)
-    error: str = ""  # why there is no result, where the other recordings go on
-    notes: list[str] = field(default_factory=list)  # choices made for the user
+    error: str = ""  # why there is no result, with several recordings
+    notes: list[str] = field(default_factory=list)  # automatic choices
     topics: dict[str, str] = field(default_factory=dict)  # topics used, by purpose
     seconds: float = 0.0  # duration of the replay
     provenance: dict[str, Any] = field(default_factory=dict)
-    # What the table says, see `read`.
+    # From the table, see `read`.
     frames: int = 0
-    # frames by the words of each of `COUNTED`
+    # numbers of frames by word, for each of `COUNTED`
     counts: dict[str, Counter[str]] = field(
         default_factory=lambda: {name: Counter() for name in COUNTED})
-    # how many frames' filtered water is that of a survey, of how many frames at most, and their
-    # ranges, m; empty without any
+    # number of frames with filtered water from a survey, largest number of frames in a survey,
+    # and ranges, m; empty without any
     survey: dict[str, Any] = field(default_factory=dict)
     refusals: list[Refusal] = field(default_factory=list)
     synopsis: Synopsis | None = None  # None before the end
 
     @property
     def name(self) -> str:
-        """Name of the recording among several: that of its folder."""
+        """Name of the recording among several: name of its folder."""
         return Path(self.output).name
 
     @property
@@ -72,9 +72,9 @@ class Summary:
     def read(
         self, found: Columns, contrast: float, baselines: Collection[float]
     ) -> None:
-        """Take what a table says, whole or partial, of one recording or of several.
+        """Summarise a table, complete or partial, of one or several recordings.
 
-        The parameters are those of `synopsis`.
+        Parameters: see `synopsis`.
         """
         self.frames = len(found["frame"])
         self.counts = {name: Counter(filter(None, found[name])) for name in COUNTED}
@@ -88,7 +88,7 @@ class Summary:
         self.synopsis = synopsis(found, contrast, baselines)
 
     def rejections(self) -> str:
-        """Number of frames that the filter over frames rejected, in words; empty for none."""
+        """Return the number of frames that the filter rejected as text; empty for none."""
         events = self.counts["filtering"]
         rejected = events[word(TrackingEvent.OUTLIER)]
         estimates = sum(events[word(event)] for event in TAKEN) + rejected
@@ -98,15 +98,15 @@ class Summary:
         runs = "1 run" if followed == 1 else f"{followed} runs"
         return (
             f"the filter rejected {rejected} of {estimates} frames"
-            + (f", and followed {runs} of such frames as a change" if followed else "")
+            + (f", and accepted {runs} of such frames as a change" if followed else "")
         )
 
     def surveyed(self) -> str:
-        """Describe the surveys that the filtered water comes from."""
+        """Describe the surveys in the filtered water; empty without any."""
         if not self.survey:
             return ""
         return (
-            "filtered water of {count} frames is that of a survey: up to {frames} frames "
+            "filtered water of {count} frames is from a survey: up to {frames} frames "
             "together, ranges from {range_min:.2f} to {range_max:.2f} m".format(**self.survey)
         )
 

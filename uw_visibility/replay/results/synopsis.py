@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Synopsis of a replay: times, ranges, visibility and its course, a trend or a jump."""
+"""Synopsis of a replay: times, ranges, visibility, and its trend or jumps."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from uw_visibility.replay.table import Columns
 from uw_visibility.water.meaning.derived import DerivedQuantities
 from uw_visibility.water.series.tracking import TrackingEvent
 
-# Distances that differ by more than this many standard deviations are told apart.
+# Distances that differ by more than this many standard deviations are different.
 SIGNIFICANT = 2.0
-# Quantities that a verdict begins with, in this order.
+# Main quantities of a verdict, in order.
 TOLD = ("black_disc_visibility", "visibility_distance", "secchi_depth", "diffuse_attenuation_490")
-# The trend is told from at most so many medians of neighbours: its test takes their square.
+# Most medians of neighbours for the trend: the time of its test grows with their square.
 MOST_POINTS = 600
-# Fewer values in order are one of 24 orders or fewer, which chance makes too often (5 %).
+# Least number of values for a trend: four rise or fall by chance too often (2 of 24 orders).
 FEWEST = 5
-# Values are told with three digits: a group is no narrower than that, as a part.
+# Least relative width of a group: that of values with three digits.
 NARROWEST = 1e-3
-# Two groups: strong evidence (Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572),
-# and means farther apart than this many standard deviations of a group (Ashman, Bird and Zepf
-# 1994, doi:10.1086/117248).
+# Conditions for two groups: strong evidence (Kass and Raftery 1995,
+# doi:10.1080/01621459.1995.10476572), and least distance of their means in standard deviations of
+# a group (Ashman, Bird and Zepf 1994, doi:10.1086/117248).
 EVIDENCE, SEPARATION = 6.0, 2.0
-# Steps of the fit of two groups.
+# Iterations of the fit of two groups.
 STEPS = 200
 
 
@@ -41,8 +41,8 @@ STEPS = 200
 class Extreme:
     """Smallest or largest visibility distance of a recording."""
 
-    transect: str  # recording that the frame is of, among several; else empty
-    frame: int  # number of the frame that shows it
+    transect: str  # recording of the frame, with several recordings; else empty
+    frame: int  # number of the frame
     # value, stddev: m
     value: float
     stddev: float
@@ -52,18 +52,18 @@ class Extreme:
 class Synopsis:
     """Visibility over a whole recording."""
 
-    frames: int  # all of them
+    frames: int  # number of all frames
     # start, end: first and last stamp, ns
     start: int
     end: int
-    assessed: int  # frames that show a visibility distance by themselves
-    told: int  # frames that have one: filtered over frames where `filtered`, else by themselves
+    assessed: int  # frames with a visibility distance of their own
+    told: int  # frames with a distance: the filtered one if `filtered`, else their own
     filtered: bool  # whether the distances below are the filtered ones
-    contrast: float  # the smallest that counts as visible: what visibility distance is for
-    # nearest and farthest range that the estimates rest on, m; empty without any
+    contrast: float  # least visible contrast, for which visibility distance is defined
+    # nearest and farthest range used by the estimates, m; empty without any
     ranges: list[float] = field(default_factory=list)
-    # lowest, highest: smallest and largest distance for certain: those with the lowest upper and
-    # the highest lower bound, of one standard deviation. A value that is hardly known is neither.
+    # lowest, highest: distances with the lowest upper and the highest lower bound, of one standard
+    # deviation, so that uncertain values are neither
     lowest: Extreme | None = None
     highest: Extreme | None = None
     # median, low, high: distance in the median frame, and 5 % and 95 % quantiles, m; NaN without
@@ -72,32 +72,31 @@ class Synopsis:
     low: float = math.nan
     high: float = math.nan
     relative_stddev: float = math.nan  # standard deviation over distance in the median frame
-    # 16, 50 and 84 % of each of `TOLD` that is known, each the median over frames; m, or 1/m
+    # 16, 50 and 84 % quantiles of each of `TOLD` that is known, medians over frames; m, or 1/m
     typical: dict[str, list[float]] = field(default_factory=dict)
-    # frames by the channel that decides, the clearest one
+    # numbers of frames by their clearest channel, which gives the distance
     channels: dict[str, int] = field(default_factory=dict)
-    # smallest and largest distance, m, that frames show by themselves which the filter rejected;
-    # empty without any
+    # smallest and largest distance, m, of frames that the filter rejected; empty without any
     rejected_distances: list[float] = field(default_factory=list)
-    # medians of the first and the last third of the frames by themselves, m, where these rise or
-    # fall; see `trend`
+    # medians of the first and the last third of single frames, m, if these rise or fall; see
+    # `trend`
     trend: list[float] = field(default_factory=list)
-    # distance, m, and number of frames of the two groups that they jump
-    # between, if they do; see `groups`
+    # distance, m, and number of frames of two groups between which single frames jump, if any; see
+    # `groups`
     groups: list[tuple[float, int]] = field(default_factory=list)
-    # the cameras' distance by their calibration, m; smallest and largest where it changes
+    # baseline by the calibration, m; smallest and largest if it changes
     baselines: list[float] = field(default_factory=list)
 
     @property
     def differs(self) -> bool:
-        """Whether the smallest and the largest distance can be told apart."""
+        """Whether the smallest and the largest distance differ significantly."""
         low, high = self.lowest, self.highest
         return low is not None and high is not None and apart(
             low.value, low.stddev, high.value, high.stddev)
 
     @property
     def constant(self) -> bool:
-        """Whether nothing shows that the distance changes: no two values, no trend, no groups."""
+        """Whether the distance is constant: no significant difference, trend or groups."""
         return not (self.differs or self.trend or self.groups)
 
     def state(self) -> dict[str, Any]:
@@ -113,15 +112,15 @@ def synopsis(
 ) -> Synopsis:
     """Summarise the frames of a table.
 
-    columns: those of ``frames.csv`` by name. Of several recordings no trend and no groups are told,
-        which are those of one water.
-    contrast: smallest contrast that counts as visible.
-    baselines: of the frames' rigs, m.
+    columns: columns of ``frames.csv`` by name. With several recordings there are no trend and
+        groups, which need one water.
+    contrast: least visible contrast.
+    baselines: baselines of the rigs of the frames, m.
     """
     stamps = columns["datetime"].tolist()
     own = np.isfinite(columns["visibility_distance"])
     series = columns["visibility_distance"][own]
-    # What frames together refute is not told, even of those that show a distance alone.
+    # If frames together refute the water, distances of single frames do not count.
     filtered = bool((columns["filtering"] != "").any())
     prefix = "filtered_" if filtered else ""
     distance, stddev = (columns[f"{prefix}visibility_distance{end}"] for end in ("", "_stddev"))
@@ -162,7 +161,7 @@ def synopsis(
 
 
 def _ends(values: Array) -> list[float]:
-    """Return the least and the largest value that is known; nothing without any."""
+    """Return the smallest and the largest known value; empty without any."""
     known = values[np.isfinite(values)]
     return [float(known.min()), float(known.max())] if known.size else []
 
@@ -179,7 +178,7 @@ def _quantiles(columns: Columns, prefix: str, name: str) -> Array:
 
 
 def apart(low: float, low_stddev: float, high: float, high_stddev: float) -> bool:
-    """Return whether two values can be told apart."""
+    """Return whether two values differ significantly."""
     return high - low > SIGNIFICANT * math.hypot(low_stddev, high_stddev)
 
 
@@ -194,13 +193,12 @@ def _extreme(
 
 
 def trend(distance: Array, significant: float) -> list[float]:
-    """Return the medians of the first and the last third, m, of a series that rises or falls.
+    """Return the medians of the first and the last third, m, of a series with a trend.
 
-    Without a trend there are none. The test is Kendall's, with the variance of correlated
-    neighbours.
+    Empty without a trend. By Kendall's test, with the variance for correlated neighbours.
 
     distance: (n,) float64, m, in the order of time.
-    significant: standard deviations of Kendall's statistic beyond which there is a trend.
+    significant: least value of Kendall's statistic for a trend, in standard deviations.
 
     References
     ----------
@@ -217,7 +215,7 @@ def trend(distance: Array, significant: float) -> list[float]:
     ranks -= ranks.mean()
     lags = np.arange(1, n - 2)
     alike = np.array([ranks[:-lag] @ ranks[lag:] for lag in lags]) / max(ranks @ ranks, 1e-9)
-    # Correlations that chance makes (5 %) do not count.
+    # Insignificant correlations (5 %) do not count.
     alike[np.abs(alike) < 1.96 / math.sqrt(n)] = 0.0
     more = 2.0 * ((n - lags) * (n - lags - 1) * (n - lags - 2)) @ alike / (n * (n - 1) * (n - 2))
     variance = n * (n - 1) * (2 * n + 5) / 18.0 * max(1.0 + more, 1.0)
@@ -229,11 +227,11 @@ def trend(distance: Array, significant: float) -> list[float]:
 
 
 def groups(distance: Array) -> list[tuple[float, int]]:
-    """Return the two groups that a series falls into: geometric mean, m, and frames; or nothing.
+    """Return two groups of a series, each with geometric mean, m, and number of frames; or nothing.
 
-    Two normal distributions of one width are fitted to the logarithms. By the Bayesian
-    information criterion they are held against a single one, one around a line over time, and a
-    uniform one.
+    Two normal distributions of the same width are fitted to the logarithms. The Bayesian
+    information criterion compares them with one normal distribution, one around a line over time,
+    and a uniform one.
 
     distance: (n,) float64, m, in the order of time.
     """

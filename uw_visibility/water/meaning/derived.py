@@ -66,23 +66,23 @@ class Quantity(NamedTuple):
 
 
 _BY_TYPE = (
-    "Not measured: it is that of the Jerlov types that the attenuation fits, weighted with "
-    "their likelihood; other water with the same attenuation has another one."
+    "Not measured: mean over the Jerlov types that fit the attenuation, weighted with their "
+    "likelihood; other water with the same attenuation may have another value."
 )
 QUANTITIES = {
     "beam_attenuation": Quantity(
         "m-1", "beam attenuation, green",
-        "Beam attenuation as the camera's green channel sees it, at its effective wavelength",
-        "Light that is scattered by little is not lost to a camera: a transmissometer reads "
+        "Beam attenuation as seen by the camera's green channel, at its effective wavelength",
+        "Light scattered by small angles still reaches a camera: a transmissometer reads "
         f"{BEAM_OVER_SEEN:g} times as much, within a factor of "
         f"{math.exp(BEAM_OVER_SEEN_DEVIATION):.2g} (lab/studies/beam_attenuation.md).",
         "Roser, Dunbabin and Geiger 2014, eq. 4-7"),
     "black_disc_visibility": Quantity(
         "m", "black-disc visibility",
-        "Horizontal distance at which a diver loses a black disc, 4.8/c, with c the green "
-        f"channel's attenuation times {BEAM_OVER_SEEN:g}",
-        "A camera sees less than c, see beam attenuation; how much less, and 10 % of the formula, "
-        "are in σ.",
+        "Horizontal distance at which a diver loses sight of a black disc, 4.8/c, where c is the "
+        f"attenuation of the green channel times {BEAM_OVER_SEEN:g}",
+        "A camera sees less than c, see beam attenuation; σ includes the error of this factor, and "
+        "10 % for the formula.",
         "Zaneveld and Pegau 2003, doi:10.1364/OE.11.002997"),
     "diffuse_attenuation_490": Quantity(
         "m-1", "Kd(490)",
@@ -90,10 +90,11 @@ QUANTITIES = {
         _BY_TYPE, "Jerlov, Marine Optics, 1976, table XXVII"),
     "secchi_depth": Quantity(
         "m", "Secchi depth",
-        "Depth at which a white disk is lost from above, ln(|0.14 - Rrs|/0.013)/(2.5 min Kd)",
+        "Depth at which a white disk disappears from view from above, "
+        "ln(|0.14 - Rrs|/0.013)/(2.5 min Kd)",
         _BY_TYPE, "Lee et al. 2015, doi:10.1016/j.rse.2015.08.002"),
 }
-"""Derived quantities by name; each has its standard deviation beside it."""
+"""Derived quantities by name; each also has a standard deviation."""
 
 
 @dataclass(frozen=True)

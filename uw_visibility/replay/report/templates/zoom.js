@@ -1,4 +1,4 @@
-// Zoom in time: all series of the page show the same part of it.
+// Zoom in time: all series of the page show the same interval.
 const SHORTEST = 1;  // s
 const STEPS = [
   0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200];
@@ -20,7 +20,7 @@ function days([start, end]) {
   return first === last ? first : `${first} to ${last}`;
 }
 
-// Drawing of one series. What it clips to its axes is data, and goes into a view of its own.
+// Drawing of one series. Elements clipped to the axes are data, and get a separate view.
 class Plot {
   constructor(svg, whole) {
     const area = svg.querySelector("clipPath rect");
@@ -85,7 +85,7 @@ class Plot {
       const time = count * step;
       const x = this.place(time);
       made.push(element("path", { d: `M${x} ${this.y}V${below + 3.5}` }));
-      // Not where the edge of the drawing would cut it off.
+      // No label where the edge of the drawing would cut it off.
       if (x + HALF_LABEL < this.svg.viewBox.baseVal.width) {
         made.push(element("text", { x, y: below + 14 }, clock(time, first, last)));
       }
@@ -139,7 +139,7 @@ recordings?.addEventListener("change", () => {
   recordings.selectedIndex = chosen;
 });
 
-// A mouse that is drawn over a figure chooses a part; fingers scroll the page.
+// Dragging with a mouse selects an interval; touching scrolls the page.
 for (const plot of plots) {
   plot.svg.addEventListener("mousedown", (down) => {
     if (down.button !== 0) return;
@@ -156,7 +156,7 @@ for (const plot of plots) {
     window.addEventListener("mouseup", (up) => {
       window.removeEventListener("mousemove", move);
       chosen.remove();
-      // A click alone chooses nothing.
+      // A click without dragging selects nothing.
       if (Math.abs(up.clientX - down.clientX) > 5) {
         show(...[from, plot.time(up)].sort((a, b) => a - b));
       }
