@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from benchmarks import presets
 from benchmarks.timing import take_turns
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
+from uw_visibility.compute.memory import keep_freed_memory
 from uw_visibility.compute.threads import Workers
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.stereo.contrast import ContrastNormalizer
@@ -52,6 +53,8 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=15, help="rounds of each case")
     parser.add_argument("--small", action="store_true", help="640x480 only")
     options = parser.parse_args()
+    # As the node and the commands do.
+    keep_freed_memory()
     report: dict[str, dict[str, Any]] = {}
     for width, height, disparities in CASES[: 1 if options.small else None]:
         left, right, source = load_pair(width, height)

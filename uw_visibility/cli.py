@@ -19,6 +19,7 @@ from typing import Any, NoReturn
 
 from uw_visibility import __version__
 from uw_visibility.commands import calibrate, enhance, replay, warmup
+from uw_visibility.compute.memory import keep_freed_memory
 from uw_visibility.compute.threads import use_one_thread
 from uw_visibility.errors import InputError, needing, printable
 
@@ -45,6 +46,7 @@ def run() -> NoReturn:
     """
     code = INTERRUPTED
     use_one_thread()
+    keep_freed_memory()
     try:
         try:
             code = main()

@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
 from typing import Any
 
+from uw_visibility.compute.memory import keep_freed_memory
 from uw_visibility.errors import InputError
 
 # https://docs.python.org/3/using/cmdline.html#envvar-PYTHONSAFEPATH
@@ -99,6 +100,7 @@ def _safe_path() -> Iterator[None]:
 def _begin(initializer: Callable[..., object], *arguments: Any) -> None:
     """Initialise a process of the pool."""
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
+    keep_freed_memory()
     initializer(*arguments)
 
 

@@ -16,6 +16,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
+from uw_visibility.compute.memory import keep_freed_memory
 from uw_visibility.errors import LONGEST_MESSAGE, InputError, printable
 from uw_visibility.ros.start import SIGNALS
 
@@ -86,6 +87,7 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
     Returns exit code: 0 after a signal, 2 if a parameter or argument cannot be used.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
+    keep_freed_memory()
     # Handlers only record the signal. rclpy's own would end the context while this thread and
     # the worker use it; Python's own would raise an exception anywhere.
     received: list[int] = []

@@ -11,26 +11,14 @@ from collections.abc import Mapping
 
 from uw_visibility.compute.threads import use_one_thread
 
-# glibc returns large freed blocks to the system, so that the kernel clears new pages for each
-# frame: for a point cloud this takes longer than filling it. See mallopt(3).
-MEMORY = {
-    # Free memory above this is returned, bytes: the size of all messages of a large frame.
-    "MALLOC_TRIM_THRESHOLD_": str(128 << 20),
-    # Blocks above this are always returned, bytes: the largest value that glibc accepts.
-    "MALLOC_MMAP_THRESHOLD_": str(32 << 20),
-}
 # By default publishing waits for the middleware to send, and rclpy holds the interpreter's lock
 # meanwhile: a slow network delays every callback. Read by rmw_fastrtps only.
 PUBLICATION = {"RMW_FASTRTPS_PUBLICATION_MODE": "ASYNCHRONOUS"}
 
 
 def node_environment(given: Mapping[str, str]) -> dict[str, str]:
-    """Return environment variables to add; one in `given` switches its whole group off."""
-    added: dict[str, str] = {}
-    for variables, others in ((MEMORY, {"GLIBC_TUNABLES"}), (PUBLICATION, set())):
-        if not given.keys() & (variables.keys() | others):
-            added |= variables
-    return added
+    """Return environment variables to add to those that are `given`, which are kept."""
+    return {name: value for name, value in PUBLICATION.items() if name not in given}
 
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
