@@ -8,7 +8,7 @@ from enum import Enum
 class Status(str, Enum):
     """Outcome of an estimate: ``ok``, or the reason why it is not assessable.
 
-    Reports, messages, tables and logs contain the values.
+    Reports, messages and logs contain the values, tables the words of `replay.columns`.
     """
 
     OK = "ok"
