@@ -201,7 +201,7 @@ def test_of_several_recordings_one_is_shown(browser: Any, day_file: Path, width:
     assert labels > 4
     assert beyond == 0
     page.get_by_role("button", name="All").click()
-    assert page.inner_text(".zoom output").startswith("All is shown")
+    assert page.inner_text(".zoom output").startswith("Whole recording shown")
     assert page.input_value(".zoom select") == "Recording"
 
 

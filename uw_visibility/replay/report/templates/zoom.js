@@ -114,7 +114,7 @@ function show(from, to) {
   tools.classList.toggle("part", part);
   tools.querySelector("output").textContent = part
     ? `Shown: ${days([start, end])}, ${clock(start, 11, last)} to ${clock(end, 11, last)} UTC`
-    : "All is shown; draw a mouse over a figure for a part.";
+    : "Whole recording shown; drag over a figure to zoom.";
 }
 
 const actions = {
