@@ -11,7 +11,7 @@
 #   make soak          the node for half an hour on good and bad pairs: see soak.json
 #   make bench         speed against OpenCV's StereoSGBM: see bench.json
 #   make rates         how many frames of SIZE=640x480 the node answers here: four minutes
-#   make figures       measure accuracy and speed anew for docs/reference/figures.md: ten minutes
+#   make figures       measure accuracy and speed anew for docs/reference/figures.md: two to ten minutes
 #   make test-oldest   the tests with the versions of Ubuntu 24.04 (needs Python 3.12)
 #   make browser       pages in a headless browser, with axe-core (needs npm, and Chromium)
 #   make docs          the site: docs/_build/html/index.html; warnings are errors

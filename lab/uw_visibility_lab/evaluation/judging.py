@@ -142,9 +142,11 @@ HEAD = (
 def line_of(name: str, row: Row) -> str:
     """Return a row as a line below `HEAD`."""
     one, two, three = row.within
+    # Peers' σ may be near 0.
+    score = ">99.9" if row.score > 99.9 else f"{row.score:5.2f}"
     return (
         f"{name[:24]:24} {row.cases:5d} {row.told:5.2f} {row.error:5.2f} "
-        f"{row.distance_error:5.2f} {row.score:5.2f} {one:4.2f} {two:4.2f} {three:4.2f} "
+        f"{row.distance_error:5.2f} {score} {one:4.2f} {two:4.2f} {three:4.2f} "
         f"{row.beyond:5.3f} {row.too_long:5.2f} {row.too_short:5.2f} {row.low_above:4.2f} "
         f"{row.crps:5.2f} {number(row.milliseconds, 1):>6}")
 
