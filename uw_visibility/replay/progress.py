@@ -13,7 +13,8 @@ from typing import Any, TypeVar
 
 from uw_visibility.errors import LONGEST_MESSAGE, printable
 
-PERIOD = 10.0
+# Between lines, and between looks for what a first line says, s.
+PERIOD, LOOK = 10.0, 1.0
 
 
 class Progress:
@@ -92,16 +93,18 @@ def progress_bar(items: Iterable[Item], name: str, total: int | None = None) -> 
 
 @contextmanager
 def compiling() -> Iterator[None]:
-    """Print to standard error, every `PERIOD`, how many kernels were compiled."""
+    """Print to standard error, at once and every `PERIOD`, how many kernels were compiled."""
     # Numba loads slowly.
     from uw_visibility.compute.jit import counts
 
     done, before = threading.Event(), counts.compiled
 
     def watch() -> None:
-        while not done.wait(PERIOD):
-            if counts.compiled > before:
-                compiled = counts.compiled - before
+        told = -PERIOD
+        while not done.wait(min(LOOK, PERIOD)):
+            compiled, now = counts.compiled - before, time.monotonic()
+            if compiled > 0 and now - told >= PERIOD:
+                told = now
                 print(f"compiling: {compiled} kernels so far", file=sys.stderr, flush=True)
 
     watcher = threading.Thread(target=watch, daemon=True)

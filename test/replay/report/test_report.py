@@ -5,8 +5,10 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import re
+import sys
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
@@ -293,24 +295,41 @@ def test_progress_is_a_line_every_ten_seconds(
     ]
 
 
-def test_long_compiling_is_told(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_compiling_is_told_long_before_the_first_period_is_over(
+    monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    # What is printed while capsys is read may be lost.
+    told = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", told)
+    monkeypatch.setattr(progress, "PERIOD", 3600.0)
+    monkeypatch.setattr(progress, "LOOK", 0.01)
+    with progress.compiling():
+        monkeypatch.setattr(counts, "compiled", counts.compiled + 7)
+        while "\n" not in told.getvalue():
+            sleep(0.01)
+        sleep(0.05)
+    assert told.getvalue() == "compiling: 7 kernels so far\n"
+
+
+def test_long_compiling_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", told)
     monkeypatch.setattr(progress, "PERIOD", 0.01)
     shown = progress.Progress("dive", 600)
     with progress.compiling():
         monkeypatch.setattr(counts, "compiled", counts.compiled + 7)
-        told = ""
-        while "7 kernels so far" not in told or "dive: no frame is done yet" not in told:
-            told += capsys.readouterr().err
+        while not all(
+            line in told.getvalue() for line in ("7 kernels so far", "dive: no frame is done yet")
+        ):
+            sleep(0.01)
     shown.close()
-    capsys.readouterr()
     # What is done in time, and what compiles nothing, is not told.
+    before = told.getvalue()
     for _ in range(3):
         progress.Progress("dive", 1).close()
     with progress.compiling():
         sleep(0.05)
-    assert capsys.readouterr().err == ""
+    assert told.getvalue() == before
 
 
 def test_the_track_is_drawn_where_there_are_positions(replayed: Path) -> None:
