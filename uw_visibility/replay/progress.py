@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from uw_visibility.errors import LONGEST_MESSAGE, printable
 
 # Between lines, and between looks for what a first line says, s.
-PERIOD, LOOK = 10.0, 1.0
+PERIOD, LOOK = 10.0, 0.5
 
 
 class Progress:
