@@ -61,8 +61,10 @@ class Prepared:
 
     def __init__(self, preparation: str, environment: Mapping[str, str]) -> None:
         self._lock = threading.Lock()
+        # What is forked must have one thread, and OpenBLAS starts its own when it is loaded.
         self._process = subprocess.Popen(
-            [sys.executable, "-P", __file__, preparation], env=environment, text=True,
+            [sys.executable, "-P", __file__, preparation], text=True,
+            env={"OPENBLAS_NUM_THREADS": "1", **environment},
             stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         )
         atexit.register(self.close)

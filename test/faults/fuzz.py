@@ -29,11 +29,7 @@ from contextlib import ExitStack, chdir
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-from uw_visibility.compute.threads import use_one_thread
-
 sys.path.insert(0, str(Path(__file__).parent))
-# The process that nodes are forked from must have one thread.
-use_one_thread()
 
 # Numbers of cases that `make studies` runs of each kind, within seconds.
 KINDS = {
