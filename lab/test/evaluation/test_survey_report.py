@@ -15,7 +15,7 @@ import pytest
 from uw_visibility.cli import main
 from uw_visibility_lab.evaluation import survey
 from uw_visibility_lab.evaluation.judging import WIDEST_INTERVAL
-from uw_visibility_lab.evaluation.survey import at_best_exposure
+from uw_visibility_lab.evaluation.metrics import at_best_exposure
 from uw_visibility_lab.simulation.camera import StereoCamera
 
 SMALL = StereoCamera(160, 120, 150.0, 0.12)

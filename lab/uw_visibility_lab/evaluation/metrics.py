@@ -31,6 +31,14 @@ def colour_difference(first: NDArray[np.generic], second: NDArray[np.generic]) -
     return np.asarray(np.linalg.norm(lab(first) - lab(second), axis=-1))
 
 
+def at_best_exposure(images: Sequence[Map], truth: Sequence[Map]) -> list[Map]:
+    """Multiply all images by one gain, the least-squares fit to the truth."""
+    product = sum(float(np.nansum(i * t)) for i, t in zip(images, truth, strict=True))
+    square = sum(float(np.nansum(np.square(i))) for i in images)
+    gain = np.float32(product / square if square > 0.0 else 1.0)
+    return [gain * image for image in images]
+
+
 def matched_fraction(disparity: DisparityMap) -> float:
     """Share of all pixels that have a disparity; the others are unmatched."""
     return float(np.isfinite(disparity).mean())

@@ -23,7 +23,7 @@ from uw_visibility.optics.transfer import to_linear
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.water.series.filter import WaterFilter
-from uw_visibility_lab.evaluation.metrics import colour_difference
+from uw_visibility_lab.evaluation.metrics import at_best_exposure, colour_difference
 from uw_visibility_lab.evaluation.parallel import Progress, run_all
 from uw_visibility_lab.evaluation.readings import Reading, Truth
 from uw_visibility_lab.simulation.camera import Pose, StereoCamera
@@ -220,14 +220,6 @@ def _pieces(image: Map) -> Array:
     height, width = (size // BLOCK for size in image.shape[:2])
     return np.asarray(cv2.resize(
         image, (width, height), interpolation=cv2.INTER_AREA).reshape(-1, 3), np.float64)
-
-
-def at_best_exposure(images: Sequence[Map], truth: Sequence[Map]) -> list[Map]:
-    """Multiply all images by one gain, the least-squares fit to the truth."""
-    product = sum(float(np.nansum(i * t)) for i, t in zip(images, truth, strict=True))
-    square = sum(float(np.nansum(np.square(i))) for i in images)
-    gain = np.float32(product / square if square > 0.0 else 1.0)
-    return [gain * image for image in images]
 
 
 def mean_difference(images: Sequence[Map], truth: Sequence[Map]) -> float:
