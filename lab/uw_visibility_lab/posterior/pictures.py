@@ -26,7 +26,7 @@ from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.stereo.views import in_right_view
 from uw_visibility.water.series.filter import WaterFilter
 from uw_visibility_lab.evaluation import baselines
-from uw_visibility_lab.evaluation.metrics import colour_difference
+from uw_visibility_lab.evaluation.metrics import at_best_exposure, colour_difference
 from uw_visibility_lab.posterior.cases import traced_scenes
 from uw_visibility_lab.tracer.files import load
 
@@ -194,8 +194,7 @@ def _colour(picture: Image8, pair: Pair) -> float:
         return float("nan")
     known = np.isfinite(pair.ranges)
     seen, truth = (image[known][np.newaxis] for image in (picture, pair.truth))
-    scaled = seen.astype(np.float64)
-    scaled *= (scaled * truth).sum() / max(float((scaled * scaled).sum()), 1.0)
+    (scaled,) = at_best_exposure([seen.astype(np.float32)], [truth.astype(np.float32)])
     codes = np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
     return float(colour_difference(codes, truth).mean())
 
