@@ -96,6 +96,21 @@ def test_kernel_is_within_a_quarter_grey_level_of_what_it_says(
     assert np.abs(enhanced - 255 * exact).max() < 0.75
 
 
+def test_an_image_of_several_bands_has_no_seam() -> None:
+    random = np.random.default_rng(0)
+    smooth = np.linspace(60.0, 180.0, 300)[:, np.newaxis, np.newaxis]
+    image = np.rint(smooth + random.normal(0.0, 2.0, (300, 40, 3))).astype(np.uint8)
+    distance = random.uniform(0, 6, (300, 40)).astype(np.float32)
+    known = random.uniform(0, 1, (300, 40)).astype(np.float32)
+    water = SimpleNamespace(
+        attenuation=WATER.attenuation, ambient_light=WATER.ambient_light,
+        scene_light=np.full(3, 0.8), veil_stddev=np.full(3, 0.05))
+    noise = np.full(3, 2.0)
+    enhanced, _ = Restorer().restore(image, distance, water, noise, known)
+    exact = expected(image, distance, known, water, EnhancementConfig(), noise)
+    assert np.abs(enhanced - 255 * exact).max() < 0.75
+
+
 @pytest.mark.parametrize("unknown", [np.nan, np.inf, -1.0, 1e9])
 def test_what_has_no_range_keeps_its_look_and_is_marked(unknown: float) -> None:
     image = np.full((2, 3, 3), 120, np.uint8)
