@@ -135,7 +135,7 @@ OPTIONS: Options = {
         "--blur PX/M": (
             0.0, "forward scattering: standard deviation of a point's image per m of range"),
         "--layer A H": (
-            (0.0, 0.0), "grey particles below height H over the sea floor, m, add A 1/m "
+            (0.0, 1.0), "grey particles below height H over the sea floor, m, add A 1/m "
             "(default: none)"),
         "--plume A SHARE": (
             (0.0, 0.5), "grey particles in a share of the view, at the right, add A 1/m "
