@@ -154,7 +154,8 @@ def _draw_series(path: Path, rows: Sequence[Row]) -> None:
                 linewidth=0.0, label=f"± {factor} σ",
             )
         axes.plot(
-            time, value, "o-", color=OURS, markersize=3.5, linewidth=1.2, label="single frames")
+            time, value, "o-", color=OURS, markersize=3.5, linewidth=1.2,
+            label="filtered over frames")
         axes.plot(time, truth, **TRUTH_STYLE)
         axes.set_ylabel(label)
         # Outliers do not set the limits.
