@@ -26,28 +26,36 @@ PERIOD = 0.2
 
 
 def drawn(rng, attenuation=BETA, light=LIGHT, gain=1.0, scale=1.0, common=None, share=0.5):
-    """One frame's estimate of known water; ``common`` is the error that frames share."""
-    light = gain * np.asarray(light)
+    """One frame's estimate of known water; ``common`` is the error that frames share.
+
+    Errors are factors of β and I∞, as those of the posterior.
+    """
     root = np.zeros((6, 6))
     for channel in range(3):
         at = 2 * channel
-        root[at, at] = 0.02
-        root[at + 1, at + 1] = 0.01 * light[channel]
-        root[at + 1, at] = -0.02 * light[channel]
-    root[0::2, 0::2] += 0.01
+        root[at, at] = 0.08
+        root[at + 1, at + 1] = 0.01
+        root[at + 1, at] = -0.02
+    root[0::2, 0::2] += 0.04
     root *= scale
-    joint = root @ root.T
     new = rng.standard_normal(6)
     error = root @ (
         new if common is None else math.sqrt(1 - share) * new + math.sqrt(share) * common
     )
+    truth = np.empty(6)
+    truth[0::2], truth[1::2] = attenuation, gain * np.asarray(light)
+    value = truth * np.exp(error)
     return WaterEstimate(
-        Status.OK, attenuation + error[0::2], light + error[1::2],
-        joint, 12, 40, (Status.OK,) * 3)
+        Status.OK, value[0::2], value[1::2], np.outer(value, value) * (root @ root.T), 12, 40,
+        (Status.OK,) * 3)
 
 
 def alpha(estimate):
     return float(np.mean(estimate.attenuation - KAPPA))
+
+
+def relative_stddev(estimate):
+    return estimate.attenuation_stddev / estimate.attenuation
 
 
 def chromaticity(estimate):
@@ -176,7 +184,7 @@ def test_counts_of_frames_outlive_a_reset():
     tracker, stamp = settled(rng, frames=5)
     tracker.update(WaterEstimate.not_assessable(Status.TOO_DARK), stamp + PERIOD)
     for k in (2, 3):
-        tracker.update(drawn(rng, attenuation=BETA + 0.6 * (k - 1)), stamp + k * PERIOD)
+        tracker.update(drawn(rng, attenuation=BETA * 4.0 ** (k - 1)), stamp + k * PERIOD)
         assert (tracker.assessed, tracker.rejected_in_a_row) == (4 + k, k - 1)
     tracker.reset()
     assert (tracker.assessed, tracker.rejected, tracker.rejected_in_a_row) == (7, 2, 0)
@@ -194,7 +202,8 @@ def test_while_frames_are_rejected_the_standard_deviation_holds_that_they_may_be
     tracker, stamp = settled(np.random.default_rng(3))
     after = tracker.update(drawn(rng, attenuation=BETA + 2.0), stamp + PERIOD)
     # What no water does in a moment is not feared so much that nothing can be said.
-    assert (after.attenuation_stddev < 0.6 * BETA.mean()).all()
+    assert tracker.event is TrackingEvent.OUTLIER
+    assert ASSESSOR.assess(after).status is Status.OK
     after = tracker.update(drawn(rng), stamp + 2 * PERIOD)
     assert (after.attenuation_stddev < 1.2 * before.attenuation_stddev).all()
 
@@ -216,7 +225,7 @@ def test_a_large_step_restarts_from_the_frames_that_agree():
     tracker, stamp = settled(rng)
     events = []
     for k in range(4):
-        tracker.update(drawn(rng, attenuation=BETA + 0.5), stamp + (k + 1) * PERIOD)
+        tracker.update(drawn(rng, attenuation=BETA + 0.5, scale=0.3), stamp + (k + 1) * PERIOD)
         events.append(tracker.event)
     assert events == [TrackingEvent.OUTLIER, TrackingEvent.RESTARTED, TrackingEvent.UPDATED,
                       TrackingEvent.UPDATED]
@@ -368,16 +377,18 @@ def test_a_sure_frame_stands_above_unsure_ones(sure):
 
 def test_a_ramp_of_depth_alone_is_followed():
     """Light changes colour, not water: nothing of it goes into attenuation."""
-    rng = np.random.default_rng(14)
-    tracker, stamp = settled(rng)
     depths = np.r_[np.linspace(4.0, 12.0, 16), np.full(4, 12.0)]
-    found = []
-    for k, depth in enumerate(depths):
-        frame = drawn(rng, *water_at(0.15, depth))
-        out = tracker.update(frame, stamp + (k + 1) * PERIOD)
-        found.append(deviations(out, 0.15, depth))
-    assert np.max(found) < 4.0
-    assert abs(alpha(tracker.estimate) - 0.15) < 0.04
+    found, errors = [], []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        tracker, stamp = settled(rng)
+        for k, depth in enumerate(depths):
+            frame = drawn(rng, *water_at(0.15, depth))
+            out = tracker.update(frame, stamp + (k + 1) * PERIOD)
+            found.append(deviations(out, 0.15, depth))
+        errors.append(alpha(tracker.estimate) - 0.15)
+    assert np.mean(np.array(found) > 3.0) < 0.01
+    assert abs(np.mean(errors)) < 0.015
 
 
 def test_a_change_goes_on_while_frames_are_refused():
@@ -445,7 +456,7 @@ def test_whatever_the_water_does_the_filter_stays_with_the_frames(
 # Always the same draws: the gate is one of chance, and one of a thousand transects like these
 # has a frame that is itself beyond four standard deviations, or snow that is just within.
 @settings(max_examples=40, deadline=None, derandomize=True)
-@given(seed=SEEDS, size=st.floats(0.3, 2.0), slope=st.floats(-0.002, 0.002))
+@given(seed=SEEDS, size=st.floats(1.2, 2.5), slope=st.floats(-0.002, 0.002))
 def test_snow_is_left_out_of_water_that_changes_slowly(seed, size, slope):
     rng = np.random.default_rng(seed)
     tracker = WaterTracker()
@@ -453,7 +464,7 @@ def test_snow_is_left_out_of_water_that_changes_slowly(seed, size, slope):
     snow[rng.choice(np.arange(10, 60, 3), 8, replace=False)] = True
     errors = []
     for k in range(60):
-        frame = drawn(rng, BETA + 0.1 + slope * k + size * snow[k])
+        frame = drawn(rng, (BETA + 0.1 + slope * k) * math.exp(size * snow[k]))
         out = tracker.update(frame, k * PERIOD)
         assert (tracker.event is TrackingEvent.OUTLIER) or not snow[k]
         deviation = ASSESSOR.assess(out).mean_attenuation_stddev
@@ -621,7 +632,10 @@ def test_filtering_never_lessens_what_frames_share():
     for k in range(12):
         frame = drawn(rng)
         out = tracker.update(frame, k * PERIOD)
-        excess = out.covariance[0::2, 0::2] - 0.5 * frame.covariance[0::2, 0::2]
+        filtered, own = (
+            each.covariance[0::2, 0::2] / np.outer(each.attenuation, each.attenuation)
+            for each in (out, frame))
+        excess = filtered - 0.5 * own
         assert np.linalg.eigvalsh(excess).min() > -1e-9
 
 
@@ -632,13 +646,13 @@ def test_after_a_ramp_uncertainty_grows_as_fast_as_the_water_changed():
         rng = np.random.default_rng(17)
         tracker, stamp = settled(rng, scale=0.2, frames=10)
         for k in range(1, 8):
-            tracker.update(drawn(rng, attenuation=BETA + 0.1 * k, scale=0.2), stamp + k * PERIOD)
-        before = tracker.estimate.attenuation_stddev
+            tracker.update(drawn(rng, attenuation=BETA * 1.1**k, scale=0.2), stamp + k * PERIOD)
+        before = relative_stddev(tracker.estimate)
         blind = WaterEstimate.not_assessable(Status.TOO_DARK)
-        after = tracker.update(blind, stamp + 7 * PERIOD + gap).attenuation_stddev
+        after = relative_stddev(tracker.update(blind, stamp + 7 * PERIOD + gap))
         grown.append(np.sqrt(after**2 - before**2).mean() / gap)
     np.testing.assert_allclose(grown, grown[0], rtol=0.1)
-    # The ramp is 0.5 1/m a second.
+    # The ramp is ln 1.1 in 0.2 s.
     assert 0.25 < grown[0] < 1.0
 
 

@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Adaptive Kalman filter of the water's state over frames, and its measurements.
 
-The state is attenuation and the logarithm of ambient light in each channel. In
-the time between frames turbidity wanders, mostly alike in all channels, and the
-colour of light wanders. The camera's exposure may change freely between frames: a log gain common
-to the channels. It needs no state of its own: it is process noise along the direction in which the
-three ambient lights change together, so that a jump changes neither attenuation nor chromaticity.
+The state is the logarithms of attenuation and ambient light in each channel: errors of both are
+factors, so that σ does not depend on the value. In the time between frames turbidity wanders,
+mostly by the same particles in all channels, and the colour of light wanders. The camera's exposure
+may change freely between frames: a log gain common to the channels. It needs no state of its own:
+it is process noise along the direction in which the three ambient lights change together, so that
+a jump changes neither attenuation nor chromaticity.
 
 How fast the water changes is not known beforehand: the process noise adapts to the
 innovations (R. Mehra, "Approaches to adaptive filtering", IEEE Trans. Automatic
@@ -42,13 +43,11 @@ from uw_visibility.water.estimate import WaterEstimate
 _LARGEST_NEW = 30.0
 ATTENUATION = slice(0, 6, 2)
 LIGHT = slice(1, 6, 2)
-# Least attenuation that is published, 1/m.
-_LEAST_TOLD = 1e-4
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """Measurement of the filter: a frame's β and ln I∞, with the two parts of their error.
+    """Measurement of the filter: a frame's ln β and ln I∞, with the two parts of their error.
 
     Attributes
     ----------
@@ -83,15 +82,14 @@ class Measurement:
         """Convert an estimate; `common_error` is the part of its variance that frames share."""
         joint = estimate.covariance
         seen = np.isfinite(estimate.attenuation) & np.isfinite(estimate.ambient_light)
+        seen &= np.minimum(estimate.attenuation, estimate.ambient_light) > 0.0
         seen &= np.isfinite(np.diag(joint)).reshape(3, 2).all(axis=1)
-        value = np.zeros(6)
-        value[ATTENUATION] = np.where(seen, estimate.attenuation, 0.0)
-        light = np.where(seen, estimate.ambient_light, 1.0)
-        value[LIGHT] = np.log(light)
-        scale = np.ones(6)
-        scale[LIGHT] = 1.0 / light
         both = np.repeat(seen, 2)
-        covariance = np.where(np.outer(both, both), np.outer(scale, scale) * joint, 0.0)
+        linear = np.ones(6)
+        linear[ATTENUATION] = np.where(seen, estimate.attenuation, 1.0)
+        linear[LIGHT] = np.where(seen, estimate.ambient_light, 1.0)
+        value = np.log(linear)
+        covariance = np.where(np.outer(both, both), joint / np.outer(linear, linear), 0.0)
         noise = (1.0 - common_error) * _own(covariance, 2 * np.flatnonzero(seen))
         return cls(seen, value, noise, _root(covariance - noise))
 
@@ -137,15 +135,10 @@ def _parts(channels: Mask) -> Iterator[tuple[NDArray[np.intp], tuple[NDArray[np.
 
 # Part of a change of turbidity that differs between channels.
 _CHANNEL_SHARE = 0.5
-# Attenuation, 1/m, below which its changes are no longer proportional to it.
-_LEAST_ATTENUATION = 0.1
 # Innovations are averaged over about 1 / this many frames; the mean of noise has this part of an
 # innovation's variance.
 _TREND_SHARE = 0.3
 _TREND_VARIANCE = _TREND_SHARE / (2.0 - _TREND_SHARE)
-# The state lags behind the water if chi squared of this mean is so many standard deviations too
-# large. Low, since the covariance then grows from zero.
-_TREND_LIMIT = 1.0
 # An interval is a gap if it is so many times longer than the last one.
 _GAP = 1.5
 # Quantile beyond which an innovation is unexpectedly large.
@@ -157,15 +150,14 @@ _RATE_VARIANCE = 2.0 * _RATE_SHARE**2 / (2.0 - _RATE_SHARE)
 # The water changes if chi squared of this mean is so many standard deviations too large. Not low:
 # where changes are expected, outliers pass the gate.
 _RATE_LIMIT = 3.0
-# Ratio from which one error is far larger than another. Not less: errors grow with the measured
-# value, so that preferring small errors is biased.
-_FAR_LARGER = 1.5
+# Change of ln β or ln I∞ from a frame to the next that water seldom exceeds: a factor of five.
+_FASTEST = math.log(5.0)
 # Part of a change's process noise that is kept from frame to frame.
 _DRIFT_KEPT = 0.5
 
 
 class WaterState:
-    """Mean and covariance of β and ln I∞, and how fast they change."""
+    """Mean and covariance of ln β and ln I∞, and how fast they change."""
 
     def __init__(self, measurement: Measurement) -> None:
         self.mean = measurement.value.copy()
@@ -180,7 +172,7 @@ class WaterState:
         # without measurement; the variance added to the covariance for that.
         self._last_interval = 0.0
         self._gap = False
-        self._unawares = 0.0
+        self._unawares: Array = np.zeros((3, 3))
         # Recent mean innovation and mean rate of change (per s), last accepted measurement, and
         # covariance of the rate of change, per s².
         self._trend = np.zeros(6)
@@ -190,7 +182,8 @@ class WaterState:
 
     def predict(self, elapsed: float, config: TrackingConfig, shown: bool = True) -> None:
         """Grow the covariance over `elapsed` s; `shown`: the new frame shows the water."""
-        turbidity = (config.turbidity_rate * self._scale()) ** 2 * elapsed
+        alike = self._turbidity()
+        turbidity = config.turbidity_rate**2 * elapsed * alike
         self.covariance[ATTENUATION, ATTENUATION] += turbidity * (
             1.0 - _CHANNEL_SHARE**2 + _CHANNEL_SHARE**2 * np.eye(3))
         colour = config.light_rate**2 * elapsed
@@ -203,9 +196,8 @@ class WaterState:
         self.covariance += self._drifted() - drifted
         self._gap |= not shown or self._interval > _GAP * self._last_interval
         # Water may begin to change while frames do not show it, perhaps for that reason, and at an
-        # unknown rate. Variance of attenuation, (1/m)².
-        unawares = 0.0 if not self._gap else (
-            math.expm1(config.unseen_rate * self._interval) * self._scale()) ** 2
+        # unknown rate.
+        unawares = math.expm1(config.unseen_rate * self._interval) ** 2 * alike * float(self._gap)
         self.covariance[ATTENUATION, ATTENUATION] += unawares - self._unawares
         self._unawares = unawares
         self.known &= self._age <= config.timeout
@@ -214,9 +206,14 @@ class WaterState:
         """Covariance of changes since the last accepted measurement."""
         return self._unseen**2 * self._drift
 
-    def _scale(self) -> float:
-        """Attenuation, 1/m, that changes of turbidity are proportional to."""
-        return max(float(self.mean[ATTENUATION][self.known].mean()), _LEAST_ATTENUATION)
+    def _turbidity(self) -> Array:
+        """Covariance of ln β, (3, 3), if the same particles are added in all channels.
+
+        It is that of particles with an attenuation of the mean β.
+        """
+        attenuation = np.where(self.known, np.exp(self.mean[ATTENUATION]), np.inf)
+        alike = attenuation[self.known].mean() / attenuation
+        return np.asarray(np.outer(alike, alike))
 
     def accepts(self, measurement: Measurement, probability: float, drifting: bool = True) -> bool:
         """Chi-squared gate: whether a measurement may be one of this state, drifting or not."""
@@ -229,24 +226,18 @@ class WaterState:
     def reject(self, measurement: Measurement, share: float) -> Array:
         """Covariance of the chance `share` (0..1) that a rejected measurement is right.
 
-        The chance falls where the change is larger than the state itself: water does not change so
-        fast. A fall counts by its logarithm, since σ of a distance is that of ln β.
+        The chance falls where the change is larger than `_FASTEST`: water does not change so fast.
         """
         self._end_interval()
         both = np.repeat(self.known & measurement.seen, 2)
         innovation = np.where(both, measurement.value - self.mean, 0.0)
-        scale = np.tile((self._scale(), 1.0), 3)
-        share /= 1.0 + np.max((innovation / scale) ** 2)
-        told = np.maximum(self.mean[ATTENUATION], _LEAST_TOLD)
-        left = np.maximum(1.0 + innovation[ATTENUATION] / told, _LEAST_TOLD / told)
-        innovation[ATTENUATION] = np.where(
-            left < 1.0, told * np.log(left), innovation[ATTENUATION])
+        share /= 1.0 + np.max((innovation / _FASTEST) ** 2)
         return np.asarray(share * np.outer(innovation, innovation))
 
     def _end_interval(self) -> None:
         """Start the interval to the next measurement."""
         self._last_interval, self._interval = self._interval, 0.0
-        self._gap, self._unawares = False, 0.0
+        self._gap, self._unawares = False, np.zeros((3, 3))
 
     def adapt(self, measurement: Measurement, config: TrackingConfig) -> None:
         """Adapt the process noise to innovations that the state's covariance does not explain.
@@ -272,8 +263,7 @@ class WaterState:
                 growth[block] = _growth(innovation[index], spread)
                 needed[block] = _growth(innovation[index], spread - drifted[block])
             else:
-                growth[block] = _beyond_noise(
-                    self._trend[index], _TREND_VARIANCE * spread, _TREND_LIMIT)
+                growth[block] = _beyond_noise(self._trend[index], _TREND_VARIANCE * spread)
         self.covariance += growth
         self._drift = (
             _DRIFT_KEPT * self._drift + (1.0 - _DRIFT_KEPT) * needed / self._interval**2
@@ -311,8 +301,8 @@ class WaterState:
     def _own(self, measurement: Measurement) -> tuple[Array, Array]:
         """Covariances of the state's and the measurement's own errors, (6, 6) each.
 
-        Where one shared error is far larger than the other, the excess counts as its own error, so
-        that precise frames have more weight.
+        Where one shared error is larger than the other, the excess counts as its own error, so that
+        precise frames have more weight.
         """
         state, noise = self.covariance.copy(), measurement.noise.copy()
         ours, theirs = (common @ common.T for common in (self.common, measurement.common))
@@ -349,28 +339,27 @@ class WaterState:
 
     def published(self, doubt: Array) -> tuple[Array, Array]:
         """β and I∞, interleaved, and their covariance plus `doubt`."""
-        mean = self.mean.copy()
-        mean[ATTENUATION] = np.maximum(mean[ATTENUATION], _LEAST_TOLD)
-        mean[LIGHT] = np.exp(mean[LIGHT])
-        scale = np.ones(6)
-        scale[LIGHT] = mean[LIGHT]
+        mean = np.exp(self.mean)
         covariance = self.covariance + self.common @ self.common.T + doubt
-        return mean, np.outer(scale, scale) * covariance
+        return mean, np.outer(mean, mean) * covariance
 
 
 def _excess(larger: Array, other: Array) -> Array:
-    """Part of a covariance that is far beyond another one."""
-    values, vectors = np.linalg.eigh(larger - _FAR_LARGER**2 * other)
+    """Part of a covariance that is beyond another one."""
+    values, vectors = np.linalg.eigh(larger - other)
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def _growth(innovation: Array, spread: Array) -> Array:
     """Growth of a covariance that makes an innovation as large as expected."""
-    return _beyond_noise(innovation, spread, 0.0) / len(innovation)
+    return _beyond_noise(innovation, spread) / len(innovation)
 
 
-def _beyond_noise(mean: Array, spread: Array, limit: float) -> Array:
-    """Part of the square of a mean that noise of this covariance does not explain."""
+def _beyond_noise(mean: Array, spread: Array, limit: float = 0.0) -> Array:
+    """Part of the square of a mean that noise of this covariance does not explain.
+
+    Noise explains a chi squared that is `limit` standard deviations too large.
+    """
     degrees = len(mean)
     distance = float(mean @ np.linalg.solve(spread, mean))
     noise = degrees + limit * math.sqrt(2.0 * degrees)
