@@ -32,7 +32,7 @@ def test_a_night_frame_says_what_to_set(alpha: float) -> None:
 
 @pytest.mark.parametrize(
     ("probability", "status"),
-    [(0.05, Status.OK), (0.2, Status.LIGHT_UNCERTAIN), (0.8, Status.LIT_BY_LAMPS)])
+    [(0.02, Status.OK), (0.05, Status.LIGHT_UNCERTAIN), (0.8, Status.LIT_BY_LAMPS)])
 def test_light_that_is_not_certain_tells_no_water(
     monkeypatch: pytest.MonkeyPatch, probability: float, status: Status
 ) -> None:

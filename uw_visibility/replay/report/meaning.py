@@ -41,7 +41,7 @@ MEANINGS = {
     Status.LIT_BY_LAMPS: "Near objects are brighter than far ones, as under lamps, but no lamps "
     "are configured. By day a white board held before dark ground can look the same.",
     Status.LIGHT_UNCERTAIN: "The probability that lamps light the scene, though none are "
-    "configured, is between 10 and 50 % (with lighting.model auto between 10 and 90 %). Under "
+    "configured, is between 3 and 50 % (with lighting.model auto between 10 and 90 %). Under "
     "lamps an estimate for daylight would be wrong.",
     Status.LEFT_TO_STEP_2: "Under lamps only step 2, with dense ranges, estimates the water.",
     Status.NO_DEPTH_BY_LAMPS: "Depth is estimated from the colour of daylight, but lamps light the "

@@ -25,11 +25,14 @@ from uw_visibility.water.daylight.statistics import (
 
 # Draws of each component, for quantiles that have no closed form.
 DRAWS = 128
-# Largest probability of lamps at which a view is taken for one by daylight.
+# Probability of undeclared lamps before the view is seen, as in training (belief `lamps.share` of
+# the laboratory). A view that makes lamps more probable than that is not taken for daylight.
+EXPECTED_LAMPS = 0.03
+# Largest probability of lamps, if they are on board or several views are judged together, at which
+# daylight is assumed.
 MOST_LAMPS = 0.1
-# Log odds to add if lamps are known to be on board: then they are as probable as daylight; in
-# training they are 3 % (belief `lamps.share` of the laboratory).
-DECLARED = -float(logit(0.03))
+# Log odds to add if lamps are known to be on board: then they are as probable as daylight.
+DECLARED = -float(logit(EXPECTED_LAMPS))
 # Quantiles of the darkest and the brightest surfaces, by place in QUANTILES.
 DARKEST, LIGHTEST = 1, len(QUANTILES) - 1
 # Places of ln β and ln B of each channel among the nine unknowns.
@@ -77,14 +80,15 @@ class Posterior:
         return np.interp(quantiles, reached, values[order])
 
 
-def light_status(lamps: float) -> Status:
+def light_status(lamps: float, most: float = EXPECTED_LAMPS) -> Status:
     """OK for daylight, else why a view is refused, by the probability of undeclared lamps.
 
-    An estimate by daylight from a view under lamps is wrong by a large factor.
+    An estimate by daylight from a view under lamps is wrong by a large factor, so that it is
+    refused from a probability above `most`.
     """
     if lamps > 0.5:
         return Status.LIT_BY_LAMPS
-    return Status.LIGHT_UNCERTAIN if lamps > MOST_LAMPS else Status.OK
+    return Status.LIGHT_UNCERTAIN if lamps > most else Status.OK
 
 
 def infer(network: Network, statistics: Statistics) -> Posterior:

@@ -19,7 +19,7 @@ from uw_visibility.images.arrays import Array
 from uw_visibility.status import REFUTING, Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.grey_average import ColourBalance, GreyFrames
-from uw_visibility.water.daylight.inference import light_status
+from uw_visibility.water.daylight.inference import MOST_LAMPS, light_status
 from uw_visibility.water.daylight.validation import refute_clearness
 from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.lamps.estimation import NodeEstimator
@@ -221,7 +221,7 @@ class WaterFilter:
             return Status.OTHER_TRANSFER
         # A frame that looks like daylight among frames under lamps is refused.
         lamps = float(expit(self._lit.mean))
-        light = light_status(1.0 - lamps if self._by_lamps else lamps)
+        light = light_status(1.0 - lamps if self._by_lamps else lamps, MOST_LAMPS)
         if not self._lit.frames:
             light = Status.OK
         return light if light is not Status.OK else refute_clearness(
