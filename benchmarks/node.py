@@ -56,6 +56,8 @@ from uw_visibility_lab.demonstration.node_process import (
     NodeProcess,
     reserved_domain,
 )
+from uw_visibility_lab.simulation.bag import camera_info_message
+from uw_visibility_lab.simulation.camera import StereoCamera
 
 START_TIMEOUT = 300.0
 # Memory settles while the first frames are processed, s.
@@ -211,18 +213,13 @@ def start_camera(
 def make_frame(width: int, height: int) -> tuple[dict[str, str], dict[str, bytes]]:
     """Return types and serialised messages of a stereo frame by topic, in drivers' order."""
     left, right, _ = load_pair(width, height)
-    focal = 3740.0 * width / 1282
-    cx, cy = (width - 1) / 2, (height - 1) / 2
+    camera = StereoCamera(width, height, 3740.0 * width / 1282, BASELINE)
     messages = {}
-    for side, image, offset in (("left", left, 0.0), ("right", right, -focal * BASELINE)):
+    for side, image in (("left", left), ("right", right)):
         header = make_message("std_msgs/msg/Header", frame_id=f"{side}_camera")
         messages[f"{side}/image_rect"] = write_image(make_message, image, "rgb8", header)
-        messages[f"{side}/camera_info"] = make_message(
-            "sensor_msgs/msg/CameraInfo", header=header, width=width, height=height,
-            distortion_model="plumb_bob", d=[0.0] * 5, r=np.eye(3).ravel(),
-            k=[focal, 0.0, cx, 0.0, focal, cy, 0.0, 0.0, 1.0],
-            p=[focal, 0.0, cx, offset, 0.0, focal, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
-        )
+        messages[f"{side}/camera_info"] = camera_info_message(
+            make_message, header, camera, right=side == "right")
     types = {
         topic: f"sensor_msgs/msg/{type(message).__name__}" for topic, message in messages.items()
     }
@@ -324,8 +321,8 @@ def summarise(
     last = listener.diagnostics[-1][1]
     halfway = listener.diagnostics[len(listener.diagnostics) // 2][1]
     reliability = halfway["input"]["reliability of left/image_rect"]
-    pipeline = statistics.median(numbers(listener, "pipeline", "total (ms)"))
-    around = numbers(listener, "pipeline", "around the pipeline (ms)")
+    pipeline = statistics.median(pipeline_times(listener, "total (ms)"))
+    around = pipeline_times(listener, "around the pipeline (ms)")
     moments = [moment for moment, _ in listener.diagnostics]
     late = [abs(b - a - 1.0) for a, b in itertools.pairwise(moments)]
     settled = [size for moment, size in history if moment >= WARM_UP] or [history[-1][1]]
@@ -357,10 +354,10 @@ def summarise(
     return report
 
 
-def numbers(listener: Listener, part: str, name: str) -> list[float]:
-    """Return a value of the node's diagnostics, which come once a second."""
-    found = [values[part][name] for _, values in listener.diagnostics if name in values[part]]
-    return [float(value) for value in found]
+def pipeline_times(listener: Listener, name: str) -> list[float]:
+    """Return a time of the node's diagnostics, which come once a second."""
+    parts = [values["pipeline"] for _, values in listener.diagnostics]
+    return [float(part[name]) for part in parts if name in part]
 
 
 def spread(values: list[float]) -> dict[str, float]:

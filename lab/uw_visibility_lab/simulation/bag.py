@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -121,7 +122,8 @@ def write_transect(
             parameters = lighting_parameters(lighting.lamps, lighting.daylight)
             text = render_values(parameters, "The lamps of this recording, for --params-file.")
             (bag.path / LIGHTING).write_text(text, encoding="utf-8")
-        messages = _Messages(bag.make, transect.camera, range_scale)
+        camera = transect.camera
+        calibrated = replace(camera, baseline=range_scale * camera.baseline)
         for time, frame in progress(transect.render(workers)):
             stamp = start + round(time * 1e9)
             for side, frame_id, pixels in (
@@ -130,7 +132,8 @@ def write_transect(
                 header = ImageHeader.at(stamp, frame_id).message(bag.make)
                 image = write_image(bag.make, pixels, "rgb8", header)
                 bag.write(f"/{side}/image_rect", image, stamp)
-                bag.write(f"/{side}/camera_info", messages.camera_info(side, header), stamp)
+                info = camera_info_message(bag.make, header, calibrated, right=side == "right")
+                bag.write(f"/{side}/camera_info", info, stamp)
             header = ImageHeader.at(stamp, LEFT_FRAME).message(bag.make)
             surface = ImageHeader.at(stamp, DEPTH_FRAME).message(bag.make)
             noisy = frame.depth + depth_stddev * random.standard_normal()
@@ -139,7 +142,7 @@ def write_transect(
             beam = frame.attenuation[1] * (1 + TRANSMISSOMETER_NOISE * optical.standard_normal())
             bag.write("/transmissometer", bag.make("std_msgs/msg/Float64", data=beam), stamp)
             if position is not None:
-                fix = messages.fix(header, position, transect.speed * time)
+                fix = _fix_message(bag.make, header, position, transect.speed * time)
                 bag.write(POSITION_TOPIC, fix, stamp)
             truth = {
                 "attenuation": vector_message(bag.make, header, frame.attenuation),
@@ -150,90 +153,86 @@ def write_transect(
                         float(frame.attenuation.min()), AssessmentConfig().contrast)),
                 "mean_attenuation": bag.make("std_msgs/msg/Float64", data=frame.mean_attenuation),
                 "depth": depth_message(bag.make, surface, frame.depth, 0.0),
-                "disparity": messages.disparity(header, frame.disparity_left),
+                "disparity": _disparity_message(bag.make, header, camera, frame.disparity_left),
             }
             if lighting.lamps:
                 seen = np.isfinite(frame.range_left)[..., np.newaxis]
                 reflectance = np.rint(255.0 * np.clip(frame.radiance_left * seen, 0.0, 1.0))
-                truth["lamps"] = messages.lamps(frame.lamps)
+                truth["lamps"] = _lamps_message(bag.make, frame.lamps)
                 truth["reflectance"] = write_image(
                     bag.make, reflectance.astype(np.uint8), "rgb8", header)
             for name, message in truth.items():
                 bag.write(f"/ground_truth/{name}", message, stamp)
 
 
-class _Messages:
-    """Messages of a bag."""
+def camera_info_message(
+    make: MessageFactory, header: Any, camera: StereoCamera, *, right: bool
+) -> Any:
+    """Make the CameraInfo of one camera of a pair."""
+    projection = np.zeros((3, 4))
+    projection[0, 0] = projection[1, 1] = camera.focal_length
+    projection[:2, 2], projection[2, 2] = camera.principal_point, 1.0
+    if right:
+        projection[0, 3] = -camera.focal_length * camera.baseline
+    return make(
+        "sensor_msgs/msg/CameraInfo",
+        header=header,
+        height=camera.height,
+        width=camera.width,
+        distortion_model="plumb_bob",
+        d=np.zeros(5),
+        k=projection[:, :3].ravel(),
+        r=np.eye(3).ravel(),
+        p=projection.ravel(),
+        binning_x=0,
+        binning_y=0,
+        roi=region_message(make, (0, 0, 0, 0)),
+    )
 
-    def __init__(self, make: MessageFactory, camera: StereoCamera, range_scale: float) -> None:
-        self._make = make
-        self._camera = camera
-        self._calibrated_baseline = range_scale * camera.baseline
 
-    def camera_info(self, side: str, header: Any) -> Any:
-        focal_length = self._camera.focal_length
-        centre_x, centre_y = self._camera.principal_point
-        projection = np.zeros((3, 4))
-        projection[0, 0] = projection[1, 1] = focal_length
-        projection[:, 2] = centre_x, centre_y, 1.0
-        if side == "right":
-            projection[0, 3] = -focal_length * self._calibrated_baseline
-        return self._make(
-            "sensor_msgs/msg/CameraInfo",
-            header=header,
-            height=self._camera.height,
-            width=self._camera.width,
-            distortion_model="plumb_bob",
-            d=np.zeros(5),
-            k=projection[:, :3].ravel(),
-            r=np.eye(3).ravel(),
-            p=projection.ravel(),
-            binning_x=0,
-            binning_y=0,
-            roi=region_message(self._make, (0, 0, 0, 0)),
-        )
+def _fix_message(
+    make: MessageFactory, header: Any, start: tuple[float, float], east: float
+) -> Any:
+    longitude, latitude = geographic(east, 0.0, start)
+    return make(
+        POSITION_TYPE,
+        header=header,
+        status=make("sensor_msgs/msg/NavSatStatus", status=0, service=1),
+        latitude=latitude,
+        longitude=longitude,
+        altitude=0.0,
+        position_covariance=np.zeros(9),
+        position_covariance_type=0,
+    )
 
-    def fix(self, header: Any, start: tuple[float, float], east: float) -> Any:
-        longitude, latitude = geographic(east, 0.0, start)
-        return self._make(
-            POSITION_TYPE,
-            header=header,
-            status=self._make("sensor_msgs/msg/NavSatStatus", status=0, service=1),
-            latitude=latitude,
-            longitude=longitude,
-            altitude=0.0,
-            position_covariance=np.zeros(9),
-            position_covariance_type=0,
-        )
 
-    def lamps(self, lamps: tuple[Lamp, ...]) -> Any:
-        rows = [
-            [*lamp.position, *lamp.axis, lamp.beam_angle, *lamp.power] for lamp in lamps
-        ]
-        sizes = (("lamp", len(rows), 10 * len(rows)), (LAMP_COLUMNS, 10, 10))
-        dimensions = [
-            self._make(
-                "std_msgs/msg/MultiArrayDimension", label=label, size=size, stride=stride)
-            for label, size, stride in sizes
-        ]
-        return self._make(
-            "std_msgs/msg/Float64MultiArray",
-            layout=self._make("std_msgs/msg/MultiArrayLayout", dim=dimensions, data_offset=0),
-            data=np.array(rows, dtype=np.float64).ravel(),
-        )
+def _lamps_message(make: MessageFactory, lamps: tuple[Lamp, ...]) -> Any:
+    rows = [[*lamp.position, *lamp.axis, lamp.beam_angle, *lamp.power] for lamp in lamps]
+    sizes = (("lamp", len(rows), 10 * len(rows)), (LAMP_COLUMNS, 10, 10))
+    dimensions = [
+        make("std_msgs/msg/MultiArrayDimension", label=label, size=size, stride=stride)
+        for label, size, stride in sizes
+    ]
+    return make(
+        "std_msgs/msg/Float64MultiArray",
+        layout=make("std_msgs/msg/MultiArrayLayout", dim=dimensions, data_offset=0),
+        data=np.array(rows, dtype=np.float64).ravel(),
+    )
 
-    def disparity(self, header: Any, disparity: DisparityMap) -> Any:
-        camera = self._camera
-        known = np.nan_to_num(disparity, nan=0.0)
-        return self._make(
-            "stereo_msgs/msg/DisparityImage",
-            header=header,
-            image=write_image(self._make, known, "32FC1", header),
-            f=camera.focal_length,
-            t=camera.baseline,
-            valid_window=region_message(self._make, (0, 0, camera.width, camera.height)),
-            # A ray is at least as long as the depth along the axis, f b / disparity.
-            min_disparity=camera.focal_length * camera.baseline / MAX_RANGE,
-            max_disparity=float(max(math.ceil(known.max()), 1)),
-            delta_d=float(np.finfo(np.float32).eps * max(known.max(), 1.0)),
-        )
+
+def _disparity_message(
+    make: MessageFactory, header: Any, camera: StereoCamera, disparity: DisparityMap
+) -> Any:
+    known = np.nan_to_num(disparity, nan=0.0)
+    return make(
+        "stereo_msgs/msg/DisparityImage",
+        header=header,
+        image=write_image(make, known, "32FC1", header),
+        f=camera.focal_length,
+        t=camera.baseline,
+        valid_window=region_message(make, (0, 0, camera.width, camera.height)),
+        # A ray is at least as long as the depth along the axis, f b / disparity.
+        min_disparity=camera.focal_length * camera.baseline / MAX_RANGE,
+        max_disparity=float(max(math.ceil(known.max()), 1)),
+        delta_d=float(np.finfo(np.float32).eps * max(known.max(), 1.0)),
+    )
