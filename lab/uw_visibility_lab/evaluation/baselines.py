@@ -10,22 +10,8 @@ import numpy as np
 from uw_visibility.images.arrays import Array, DisparityMap, Image8, RangeMap
 from uw_visibility_lab.evaluation.fits import fit_backscatter
 
-# Settings of OpenCV's sample stereo_match, in full mode, except the range of
-# speckles, which is from OpenCV's documentation.
-BLOCK_SIZE = 3
-UNIQUENESS_RATIO = 10
-SPECKLE_WINDOW = 100
-SPECKLE_RANGE = 2
-LEFT_RIGHT_DIFFERENCE = 1
-PRE_FILTER_CAP = 63
-# OpenCV's disparities are in sixteenths of a pixel.
-FRACTIONS = 16.0
-# CLAHE as in OpenCV's tutorial.
-CLIP_LIMIT = 2.0
-TILES = (8, 8)
 
-
-def semi_global_matching(left: Image8, right: Image8, max_disparity: int = 128) -> DisparityMap:
+def semi_global_matching(left: Image8, right: Image8, max_disparity: int) -> DisparityMap:
     """Match a rectified pair with OpenCV's StereoSGBM in full mode (eight directions).
 
     Grey or colour; on Middlebury pairs in turbid water, colour gives 0.01 to 0.03 more correct
@@ -33,29 +19,34 @@ def semi_global_matching(left: Image8, right: Image8, max_disparity: int = 128) 
     """
     channels = 1 if left.ndim == 2 else left.shape[2]
     found = sgbm(max_disparity, channels).compute(left, right)
-    disparity = found.astype(np.float32) / np.float32(FRACTIONS)
+    # OpenCV's disparities are in sixteenths of a pixel.
+    disparity = found.astype(np.float32) / np.float32(16.0)
     disparity[found < 0] = np.nan
     return disparity
 
 
-def sgbm(max_disparity: int = 128, channels: int = 3) -> cv2.StereoSGBM:
-    """OpenCV's matcher with the settings of `semi_global_matching`, for timing it alone."""
+def sgbm(max_disparity: int, channels: int) -> cv2.StereoSGBM:
+    """OpenCV's matcher with the settings of its sample stereo_match, in full mode.
+
+    The range of speckles is from OpenCV's documentation instead.
+    """
+    block = 3
     return cv2.StereoSGBM_create(
         minDisparity=0,
         numDisparities=-(-max_disparity // 16) * 16,
-        blockSize=BLOCK_SIZE,
-        P1=8 * channels * BLOCK_SIZE**2,
-        P2=32 * channels * BLOCK_SIZE**2,
-        disp12MaxDiff=LEFT_RIGHT_DIFFERENCE,
-        preFilterCap=PRE_FILTER_CAP,
-        uniquenessRatio=UNIQUENESS_RATIO,
-        speckleWindowSize=SPECKLE_WINDOW,
-        speckleRange=SPECKLE_RANGE,
+        blockSize=block,
+        P1=8 * channels * block**2,
+        P2=32 * channels * block**2,
+        disp12MaxDiff=1,
+        preFilterCap=63,
+        uniquenessRatio=10,
+        speckleWindowSize=100,
+        speckleRange=2,
         mode=cv2.StereoSGBM_MODE_HH,
     )
 
 
-def equalised_matching(left: Image8, right: Image8, max_disparity: int = 128) -> DisparityMap:
+def equalised_matching(left: Image8, right: Image8, max_disparity: int) -> DisparityMap:
     """`semi_global_matching` after `equalise_adaptively` of both images."""
     return semi_global_matching(
         equalise_adaptively(left), equalise_adaptively(right), max_disparity
@@ -68,8 +59,8 @@ def equalise_channels(image: Image8) -> Image8:
 
 
 def equalise_adaptively(image: Image8) -> Image8:
-    """CLAHE of L* of an (H, W, 3) RGB or of a grey image."""
-    clahe = cv2.createCLAHE(clipLimit=CLIP_LIMIT, tileGridSize=TILES)
+    """CLAHE of L* of an (H, W, 3) RGB or of a grey image, as in OpenCV's tutorial."""
+    clahe = cv2.createCLAHE(clipLimit=2.0, tileGridSize=(8, 8))
     if image.ndim == 2:
         return clahe.apply(image)
     planes = cv2.cvtColor(image, cv2.COLOR_RGB2LAB)
