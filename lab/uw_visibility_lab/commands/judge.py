@@ -168,7 +168,7 @@ def _kinds(
     arguments: argparse.Namespace, estimators: Mapping[str, Estimator]
 ) -> Iterator[_Kind]:
     from uw_visibility_lab.posterior.cases import drawn, traced, traced_scenes
-    from uw_visibility_lab.worlds.draw import EFFECTS, RANDOM
+    from uw_visibility_lab.worlds.draw import EFFECTS
 
     number, seed = arguments.cases, arguments.seed
     for name in ("scenes", "middlebury"):
@@ -177,8 +177,7 @@ def _kinds(
             continue
         views = partial(drawn, _scenes(name, folder), seed=seed)
         yield _Kind(f"{name}, no effect", number, partial(views, effects=()), estimators)
-        yield _Kind(
-            f"{name}, all effects", number, partial(views, effects=RANDOM), estimators, True)
+        yield _Kind(f"{name}, all effects", number, views, estimators, True)
         for effect in EFFECTS if arguments.each else ():
             yield _Kind(
                 f"{name}, {effect}", number, partial(views, effects=(effect,)), estimators)

@@ -20,7 +20,7 @@ from uw_visibility.stereo.rig import StereoRig
 from uw_visibility_lab.posterior.judge import Case, LampCase
 from uw_visibility_lab.tracer.files import TRUTH
 from uw_visibility_lab.tracer.files import load as load_traced
-from uw_visibility_lab.worlds.draw import RANDOM, draw
+from uw_visibility_lab.worlds.draw import draw
 from uw_visibility_lab.worlds.night import draw_night
 from uw_visibility_lab.worlds.scenes import Scene
 
@@ -29,7 +29,7 @@ SEA_FOCAL_LENGTH = 1296.0
 
 
 def drawn(
-    scenes: Sequence[Scene], number: int, seed: int, effects: str | Sequence[str] = RANDOM
+    scenes: Sequence[Scene], number: int, seed: int, effects: Sequence[str] | None = None
 ) -> Iterator[Case]:
     """Draw views of the scenes in turn, each with its own seed."""
     for index in range(number):

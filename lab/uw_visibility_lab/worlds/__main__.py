@@ -13,7 +13,7 @@ import numpy as np
 
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.images.files import write_png
-from uw_visibility_lab.worlds.draw import EFFECTS, RANDOM, draw
+from uw_visibility_lab.worlds.draw import EFFECTS, draw
 from uw_visibility_lab.worlds.scenes import SIZE, load_scene, make_pool, pool
 
 COLUMNS = 6
@@ -68,7 +68,7 @@ def _sheet(options: argparse.Namespace) -> None:
     for number in range(options.count):
         rng = np.random.default_rng([options.seed, number])
         scene = load_scene(scenes[int(rng.integers(len(scenes)))])
-        view = draw(rng, scene, effects=RANDOM if options.effects is None else options.effects)
+        view = draw(rng, scene, effects=options.effects)
         code = view.image.astype(np.float32) / np.iinfo(view.image.dtype).max
         shown = code if view.curve != "linear" else code ** (1 / 2.2)
         tile = np.ascontiguousarray(np.rint(shown * 255).astype(np.uint8))

@@ -31,8 +31,6 @@ EFFECTS: tuple[str, ...] = tuple(
     if name.startswith(("effects.", "always.")) and name != "effects.plain")
 """Names of departures from the light model, a linear camera and exact ranges."""
 
-RANDOM = "random"
-
 # Tangent of half a field of view of 53 degrees, for caustics only.
 _ACROSS = 0.5
 # Number of ranges in lookup tables of band averages.
@@ -90,7 +88,7 @@ def draw(
     rng: np.random.Generator,
     scene: Scene,
     *,
-    effects: str | Sequence[str] = RANDOM,
+    effects: Sequence[str] | None = None,
     nearer: float = 1.0,
     lamps: bool = False,
 ) -> View:
@@ -102,8 +100,8 @@ def draw(
         Source of all values: the same state gives the same view.
     scene : Scene
         The view has its size.
-    effects : str or sequence of str
-        ``random`` draws them by their beliefs; otherwise the active ones of `EFFECTS`.
+    effects : sequence of str or None
+        Active ones of `EFFECTS`; None draws them by their beliefs.
     nearer : float
         Factor of the drawn median range: with the same state, another scene and another factor
         give another frame of the same water by the same camera.
@@ -209,10 +207,9 @@ def draw(
         depth=water.depth, open_water=~known, effects=names, scene=scene.name, curve=curve.name)
 
 
-def _choose(rng: np.random.Generator, effects: str | Sequence[str]) -> tuple[str, ...]:
+def _choose(rng: np.random.Generator, given: Sequence[str] | None) -> tuple[str, ...]:
     """Draw the effects, or check those that are given."""
-    if effects != RANDOM:
-        given = (effects,) if isinstance(effects, str) else effects
+    if given is not None:
         for name in given:
             if name not in EFFECTS:
                 raise InputError(f"no effect {name!r}: give some of {', '.join(EFFECTS)}")
