@@ -33,8 +33,6 @@ from uw_visibility_lab.worlds.scenes import pool as scenes_of
 
 # Number of views that a process draws at a time.
 BLOCK = 100
-# Statistics and truth of a view, and the flags of `Examples`.
-Row = tuple[Statistics, NDArray[np.float32], bool, bool]
 
 
 class Examples(NamedTuple):
@@ -99,12 +97,17 @@ def draw_all(
     if len(rows) < 0.5 * number:
         raise InputError(
             f"{number - len(rows)} of {number} views of {pool} show too little: check the scenes")
-    return gather(rows)
+    statistics, truth, other_curve, lit = zip(*rows, strict=True)
+    of_bins, of_tiles, of_channels, of_image, *_ = zip(*statistics, strict=True)
+    return Examples(
+        np.stack(of_bins), np.stack(of_tiles), np.stack(of_channels), np.stack(of_image),
+        np.stack(truth), np.array(other_curve), np.array(lit))
 
 
 def _draw_block(
     block: range, places: Sequence[Path], seed: int, share: float | None
-) -> list[Row]:
+) -> list[tuple[Statistics, NDArray[np.float32], bool, bool]]:
+    """Return statistics and truth of each view, and the flags of `Examples`."""
     share = bounds("lamps.share")[0] if share is None else share
     rows = []
     for index in block:
@@ -140,15 +143,6 @@ def _frame(
 def joined(first: Examples, second: Examples) -> Examples:
     """Concatenate examples."""
     return Examples(*(np.concatenate(each) for each in zip(first, second, strict=True)))
-
-
-def gather(rows: Sequence[Row]) -> Examples:
-    """Stack statistics and truths."""
-    statistics, truth, other_curve, lamps = zip(*rows, strict=True)
-    of_bins, of_tiles, of_channels, of_image, *_ = zip(*statistics, strict=True)
-    return Examples(
-        np.stack(of_bins), np.stack(of_tiles), np.stack(of_channels), np.stack(of_image),
-        np.stack(truth), np.array(other_curve), np.array(lamps))
 
 
 def save(examples: Examples, path: Path) -> None:

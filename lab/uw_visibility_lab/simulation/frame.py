@@ -103,7 +103,14 @@ class Renderer:
                 add_caustics(
                     view.radiance, points, scene.lattice, self.effects.caustics, time)
         light, exposure = self.expose(views, water, lamps, seed)
-        images, gains = self.record(light, seed)
+        gains = self.camera_effects.gains(light[0])
+        images = [
+            self.camera_effects.record(
+                irradiance, self.sensor, np.random.default_rng([seed, side]), gains,
+                right=side == 1,
+            )
+            for side, irradiance in enumerate(light)
+        ]
         disparities = [
             self.camera.rig.disparity_from_range(
                 np.where(np.isfinite(view.range), view.range, np.nan))
@@ -129,7 +136,7 @@ class Renderer:
     def expose(
         self, views: Sequence[View], water: Water, lamps: tuple[Lamp, ...], seed: int
     ) -> tuple[list[Map], float]:
-        """Return the irradiance of the left view, or of both, with marine snow, and the exposure.
+        """Return the irradiance of both views, with marine snow, and the exposure.
 
         By daylight alone the exposure is 1: that of the water is applied before.
         """
@@ -143,18 +150,6 @@ class Renderer:
         if self.effects.marine_snow > 0.0:
             self._add_snow(light, views, seen, source, seed)
         return [irradiance * np.float32(exposure) for irradiance in light], exposure
-
-    def record(self, light: Sequence[Map], seed: int) -> tuple[list[Image8], Array]:
-        """Return the recorded images of the views' irradiance, and the white balance gains."""
-        gains = self.camera_effects.gains(light[0])
-        images = [
-            self.camera_effects.record(
-                irradiance, self.sensor, np.random.default_rng([seed, side]), gains,
-                right=side == 1,
-            )
-            for side, irradiance in enumerate(light)
-        ]
-        return images, gains
 
     def exposure_for(self, scene: Scene, pose: Pose, water: Water) -> float:
         """Return the automatic exposure of a frame under lamps, from a small rendering."""

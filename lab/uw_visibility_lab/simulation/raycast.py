@@ -10,9 +10,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from uw_visibility.compute.jit import njit
 from uw_visibility_lab.simulation.noise import fractal_noise, smoothstep, value_noise
 from uw_visibility_lab.simulation.scene import SPACING, Scene
@@ -23,7 +20,6 @@ _REFINE = 8
 NOTHING = -2
 FLOOR = -1
 
-Lattice = NDArray[np.float32]
 Colour = tuple[float, float, float]
 
 
@@ -150,9 +146,7 @@ def look_at(
 
 
 @njit(nogil=True, error_model="numpy")
-def floor_radiance(
-    lattice: Lattice, x: float, y: float, z: float, footprint: float
-) -> Colour:
+def floor_radiance(lattice: Any, x: float, y: float, z: float, footprint: float) -> Colour:
     """Return the floor's reflectance: bright sand, rock with dark growth, pebbles."""
     patch = fractal_noise(lattice, x + 31.0, y, z, 1.7, 4, 0.55, footprint)
     detail = fractal_noise(lattice, x, y, z, 0.33, 7, 0.82, footprint)
@@ -179,7 +173,7 @@ def floor_radiance(
 
 @njit(nogil=True, error_model="numpy")
 def shape_radiance(
-    lattice: Lattice, look: Any, x: float, y: float, z: float, footprint: float
+    lattice: Any, look: Any, x: float, y: float, z: float, footprint: float
 ) -> Colour:
     """Return a shape's reflectance: mottled between two colours, with dark grooves."""
     cell, width = look[6], look[7]
