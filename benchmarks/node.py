@@ -19,7 +19,6 @@ kernels on disk. Measure on an idle machine, since the three processes share its
 from __future__ import annotations
 
 import argparse
-import itertools
 import json
 import os
 import pickle
@@ -36,7 +35,6 @@ from typing import Any
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.srv import GetParameters
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -63,7 +61,6 @@ START_TIMEOUT = 300.0
 # Memory settles while the first frames are processed, s.
 WARM_UP = 15.0
 BASELINE = 0.160
-ASK_PERIOD = 0.25
 MEMORY_PERIOD = 0.5
 TABLE_RATES = (10.0, 15.0, 30.0)
 EVERYTHING = ("-p", "publish_depth_image:=true", "-p", "publish_points:=true")
@@ -227,13 +224,14 @@ def make_frame(width: int, height: int) -> tuple[dict[str, str], dict[str, bytes
 
 
 class Listener:
-    """Subscriber to the node's results, which also requests a parameter periodically."""
+    """Subscriber to the node's results and diagnostics.
+
+    answers: time of arrival by stamp, ns. diagnostics: values by name, by part of the node.
+    """
 
     def __init__(self, topics: Mapping[str, str]) -> None:
         self.answers: dict[int, int] = {}
-        self.diagnostics: list[tuple[float, dict[str, dict[str, str]]]] = []
-        self.asked: list[float] = []
-        self._asking = 0.0
+        self.diagnostics: list[dict[str, dict[str, str]]] = []
         self._node = Node("listener")
         for topic, name in topics.items():
             self._node.create_subscription(
@@ -242,8 +240,6 @@ class Listener:
                 QoSProfile(depth=10), raw=True,
             )
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnose, 10)
-        self._client = self._node.create_client(GetParameters, "uw_visibility/get_parameters")
-        self._node.create_timer(ASK_PERIOD, self._ask)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin, daemon=True)
@@ -265,22 +261,10 @@ class Listener:
         self.answers[header_stamp(data)] = time.time_ns()
 
     def _diagnose(self, message: DiagnosticArray) -> None:
-        values = {
+        self.diagnostics.append({
             status.name.split(": ")[1]: {value.key: value.value for value in status.values}
             for status in message.status
-        }
-        self.diagnostics.append((time.monotonic(), values))
-
-    def _ask(self) -> None:
-        if self._asking or not self._client.service_is_ready():
-            return
-        self._asking = time.monotonic()
-        request = GetParameters.Request(names=["max_range"])
-        self._client.call_async(request).add_done_callback(self._answered)
-
-    def _answered(self, future: Any) -> None:
-        self.asked.append(1e3 * (time.monotonic() - self._asking))
-        self._asking = 0.0
+        })
 
 
 def memory(pid: int) -> dict[str, float]:
@@ -318,15 +302,11 @@ def summarise(
     )
     if not latency:
         raise RuntimeError("the node has answered no frame: see its log")
-    last = listener.diagnostics[-1][1]
-    halfway = listener.diagnostics[len(listener.diagnostics) // 2][1]
+    last = listener.diagnostics[-1]
+    halfway = listener.diagnostics[len(listener.diagnostics) // 2]
     reliability = halfway["input"]["reliability of left/image_rect"]
-    pipeline = statistics.median(pipeline_times(listener, "total (ms)"))
-    around = pipeline_times(listener, "around the pipeline (ms)")
-    moments = [moment for moment, _ in listener.diagnostics]
-    late = [abs(b - a - 1.0) for a, b in itertools.pairwise(moments)]
     settled = [size for moment, size in history if moment >= WARM_UP] or [history[-1][1]]
-    report: dict[str, Any] = {
+    return {
         "pairs sent": sent["sent"],
         "pairs sent late": sent["late"],
         "images received": int(last["input"]["left received"])
@@ -339,35 +319,20 @@ def summarise(
         "frames neither answered nor counted": int(last["input"]["stereo frames"]) - sum(
             int(last["pipeline"][f"frames {fate}"])
             for fate in ("processed", "refused", "failed", "skipped")),
-        "pipeline, median (ms)": pipeline,
+        "pipeline, median (ms)": pipeline_time(listener, "total (ms)"),
+        "around the pipeline, median (ms)": pipeline_time(listener, "around the pipeline (ms)"),
+        "latency, median (ms)": statistics.median(latency),
+        "latency, 95 % (ms)": float(np.quantile(latency, 0.95)),
+        "latency, largest (ms)": latency[-1],
+        "memory growth after warm-up (MiB)": max(settled) - settled[0],
+        "latencies (ms)": [round(value, 2) for value in latency],
     }
-    for name, value in spread(latency).items():
-        report[f"latency, {name} (ms)"] = value
-        report[f"latency over pipeline, {name}"] = value / pipeline
-    report["around the pipeline, median (ms)"] = statistics.median(around)
-    report["around over pipeline"] = statistics.median(around) / pipeline
-    for name, value in spread(sorted(listener.asked)).items():
-        report[f"a parameter's answer, {name} (ms)"] = value
-    report["diagnostics off their period of 1 s, largest (ms)"] = 1e3 * max(late, default=0.0)
-    report["memory growth after warm-up (MiB)"] = max(settled) - settled[0]
-    report["latencies (ms)"] = [round(value, 2) for value in latency]
-    return report
 
 
-def pipeline_times(listener: Listener, name: str) -> list[float]:
-    """Return a time of the node's diagnostics, which come once a second."""
-    parts = [values["pipeline"] for _, values in listener.diagnostics]
-    return [float(part[name]) for part in parts if name in part]
-
-
-def spread(values: list[float]) -> dict[str, float]:
-    """Return median, 95 % quantile and largest of sorted values."""
-    if not values:
-        return {}
-    return {
-        "median": statistics.median(values), "95 %": float(np.quantile(values, 0.95)),
-        "largest": values[-1],
-    }
+def pipeline_time(listener: Listener, name: str) -> float:
+    """Return the median of a time in the node's diagnostics, which come once a second."""
+    parts = [values["pipeline"] for values in listener.diagnostics]
+    return statistics.median(float(part[name]) for part in parts if name in part)
 
 
 if __name__ == "__main__":
