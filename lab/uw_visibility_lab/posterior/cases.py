@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uw_visibility.config.schema import CameraConfig, PipelineConfig
 from uw_visibility.errors import InputError
@@ -90,8 +89,11 @@ def sea(folder: Path) -> Iterator[Case]:
         image, z = read_image(path), read_image(path.with_name(f"{path.stem}_depth.png"))
         if z.ndim != 2:
             raise InputError(f"the depth of {path} has several channels: give Z in mm alone")
+        height, width = z.shape
+        rig = StereoRig(SEA_FOCAL_LENGTH, 1.0, ((width - 1) / 2, (height - 1) / 2))
+        along_the_ray = z.astype(np.float32) / 1000.0 * rig.ray_lengths(z.shape)
         yield Case(
-            image, _along_the_ray(z.astype(np.float32) / 1000.0), 0.0, "linear",
+            image, np.where(z > 0, along_the_ray, np.float32(np.nan)), 0.0, "linear",
             clear_water(), None, path.stem)
 
 
@@ -109,10 +111,3 @@ def halves(case: Case) -> tuple[Case, Case]:
 def clear_water() -> Array:
     """Clear water's attenuation for the default camera, 1/m, RGB."""
     return clear_water_attenuation(load_response(CameraConfig().response))
-
-
-def _along_the_ray(z: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Range along the line of sight from Z, m; NaN where Z is 0."""
-    height, width = z.shape
-    rig = StereoRig(SEA_FOCAL_LENGTH, 1.0, ((width - 1) / 2, (height - 1) / 2))
-    return np.where(z > 0, z * rig.ray_lengths(z.shape), np.float32(np.nan))

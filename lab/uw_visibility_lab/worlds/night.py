@@ -87,7 +87,10 @@ def draw_night(
         over_middle = np.maximum(reflectance, 1e-3) / middle
         reflectance = (middle * over_middle**contrast).astype(np.float32)
     water = draw_water(streams("water"))
-    particles = _particles(streams("particles"))
+    floating = streams("particles")
+    spread = np.array([draw(floating, "water.channel_spread") for _ in range(3)])
+    # Attenuation by particles and dissolved matter, 1/m.
+    particles = draw(floating, "lamps.particles") * spread / spread.mean()
     beta = water.clear_water + particles
     median = draw(streams("distance"), "lamps.distance")
     # Lamp light covers the range twice.
@@ -125,12 +128,6 @@ def draw_night(
     return Night(
         image, measured, error, focal, water.clear_water,
         lighting_parameters(declared, daylight is not None), beta)
-
-
-def _particles(rng: np.random.Generator) -> Array:
-    """Attenuation by particles and dissolved matter, 1/m."""
-    spread = np.array([draw(rng, "water.channel_spread") for _ in range(3)])
-    return np.asarray(draw(rng, "lamps.particles") * spread / spread.mean())
 
 
 def _draw_rig(
