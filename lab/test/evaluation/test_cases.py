@@ -15,7 +15,7 @@ import pytest
 from uw_visibility import PipelineConfig
 from uw_visibility_lab.evaluation.cases import READINGS, Case, evaluate_case
 from uw_visibility_lab.evaluation.experiments import Evaluation, Plan
-from uw_visibility_lab.evaluation.figures.pictures import write_figures
+from uw_visibility_lab.evaluation.figures import write_figures
 from uw_visibility_lab.evaluation.report import summarise, summary_text, write_evaluation
 from uw_visibility_lab.evaluation.scenes import SceneSource
 

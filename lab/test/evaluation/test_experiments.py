@@ -25,8 +25,8 @@ from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility_lab.evaluation.baselines import semi_global_matching
 from uw_visibility_lab.evaluation.degrade import load_scene
 from uw_visibility_lab.evaluation.experiments import Plan
-from uw_visibility_lab.evaluation.figures.style import save
 from uw_visibility_lab.evaluation.scenes import SceneSource
+from uw_visibility_lab.evaluation.style import save
 from uw_visibility_lab.simulation.camera import Sensor
 
 KAPPA = clear_water_attenuation(load_response("nikon_d5100"))

@@ -139,7 +139,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Written:
     from uw_visibility_lab.evaluation import experiments
-    from uw_visibility_lab.evaluation.figures.pictures import write_figures
+    from uw_visibility_lab.evaluation.figures import write_figures
     from uw_visibility_lab.evaluation.report import summarise, summary_text, write_evaluation
     from uw_visibility_lab.evaluation.scenes import find_scenes
 

@@ -21,8 +21,8 @@ from uw_visibility.messages.images import read_disparity, read_image
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility_lab.demonstration.client import Answer
-from uw_visibility_lab.evaluation.figures.style import OURS, TRUTH_STYLE, save
 from uw_visibility_lab.evaluation.metrics import correct_fraction, matched_fraction
+from uw_visibility_lab.evaluation.style import OURS, TRUTH_STYLE, save
 from uw_visibility_lab.evaluation.tables import as_csv
 from uw_visibility_lab.simulation.frame import RenderedFrame
 

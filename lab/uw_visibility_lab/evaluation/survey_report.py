@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.optics.transfer import from_linear
+from uw_visibility_lab.evaluation import style
 from uw_visibility_lab.evaluation import survey as surveys
-from uw_visibility_lab.evaluation.figures import style
 from uw_visibility_lab.evaluation.judging import HEAD, line_of, row_of
 from uw_visibility_lab.evaluation.readings import OK, judged, reasons_text
 from uw_visibility_lab.evaluation.report import Summary

@@ -14,8 +14,6 @@ from matplotlib.figure import Figure
 from uw_visibility_lab.evaluation.cases import IMAGES, MATCHES, READINGS
 
 DPI = 130
-ATTENUATION_LABEL = "mean attenuation α [1/m]"
-DEPTH_LABEL = "depth z [m]"
 
 DISPARITY_COLOURS = colormaps["turbo"].with_extremes(bad="black")
 CHANNEL_COLOURS = {"red": "#cc2020", "green": "#1e8a34", "blue": "#2050cc"}
