@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -175,17 +175,25 @@ class Renderer:
         self, light: Sequence[Map], views: Sequence[View], seen: Sequence[tuple[Lamp, ...]],
         water: Water, seed: int,
     ) -> None:
-        """Draw white particles into images, lit by daylight and lamps (in each camera's frame)."""
-        snow = drift(self.camera, self.effects.marine_snow, np.random.default_rng([seed, 2]))
+        """Draw white particles into images, lit by daylight and lamps (in each camera's frame).
+
+        Those behind a surface are left out.
+        """
+        camera = self.camera
+        places, sigma, opacity = drift(
+            camera, self.effects.marine_snow, np.random.default_rng([seed, 2]))
         background = float(self.lighting.daylight) * water.ambient_light()
         for side, (irradiance, view, lamps) in enumerate(zip(light, views, seen, strict=True)):
-            points = snow.places - np.array([side * self.camera.baseline, 0.0, 0.0])
+            points = places - np.array([side * camera.baseline, 0.0, 0.0])
             away = np.linalg.norm(points, axis=1)
-            colours = background + direct_light(
-                points / away[:, np.newaxis], away, None, lamps, water.attenuation())
-            add_snow(
-                irradiance, view.range, self.camera, snow, points,
-                self.effects.snow_brightness * colours)
+            colours = self.effects.snow_brightness * (background + direct_light(
+                points / away[:, np.newaxis], away, None, lamps, water.attenuation()))
+            pixels = points[:, :2] / points[:, 2:] * camera.focal_length + camera.principal_point
+            last = (camera.width - 1, camera.height - 1)
+            inside = np.clip(np.rint(pixels), 0, last).astype(int)
+            hidden = away > view.range[inside[:, 1], inside[:, 0]]
+            for k in np.flatnonzero(~hidden):
+                draw_particle(irradiance, pixels[k], sigma[k], opacity[k], colours[k])
 
 
 def mean_attenuation(attenuation: Array, water: Water) -> float:
@@ -195,14 +203,6 @@ def mean_attenuation(attenuation: Array, water: Water) -> float:
         return water.mean_attenuation
     clear = clear_water_attenuation(load_response(RESPONSE))
     return float(np.mean(attenuation - clear))
-
-
-class Snow(NamedTuple):
-    """Particles that drift in front of the cameras."""
-
-    places: Array  # (n, 3); in the left camera's optical frame, m
-    sigma: Array  # (n,); standard deviation of their images, px
-    opacity: Array  # (n,); opacity of the middle of their images, 0 .. 1
 
 
 @njit(nogil=True, error_model="numpy")
@@ -225,8 +225,14 @@ def add_caustics(radiance: Any, points: Any, lattice: Any, amplitude: float, tim
             radiance[k, channel] *= gain
 
 
-def drift(camera: StereoCamera, fraction: float, random: np.random.Generator) -> Snow:
-    """Draw the particles of marine snow, which cover a fraction of the pixels of each image."""
+def drift(
+    camera: StereoCamera, fraction: float, random: np.random.Generator
+) -> tuple[Array, Array, Array]:
+    """Draw the particles of marine snow, which cover a fraction of the pixels of each image.
+
+    Returns their places in the left camera's optical frame, m, the standard deviations of their
+    images, px, and the opacity of the middle of these, 0 .. 1.
+    """
     rows = []
     wanted = fraction * camera.width * camera.height
     covered = 0.0
@@ -243,29 +249,20 @@ def drift(camera: StereoCamera, fraction: float, random: np.random.Generator) ->
         rows.append([*place, depth, sigma, random.uniform(0.3, 0.9)])
         covered += math.pi * (1.5 * sigma) ** 2
     found = np.array(rows).reshape(-1, 5)
-    return Snow(found[:, :3], found[:, 3], found[:, 4])
+    return found[:, :3], found[:, 3], found[:, 4]
 
 
-def add_snow(
-    irradiance: Map, ranges: Map, camera: StereoCamera, snow: Snow, points: Array, colours: Array
+def draw_particle(
+    irradiance: Map, pixel: Array, sigma: float, opacity: float, colour: Array
 ) -> None:
-    """Draw marine snow into an image, in place, except particles behind a surface.
-
-    ranges: (H, W), m. points: (n, 3), the particles' places in the image's own optical frame, m.
-    colours: (n, 3), irradiance of each where it is opaque.
-    """
-    last = (camera.width - 1, camera.height - 1)
-    pixels = points[:, :2] / points[:, 2:] * camera.focal_length + camera.principal_point
-    inside = np.clip(np.rint(pixels), 0, last).astype(int)
-    hidden = np.linalg.norm(points, axis=1) > ranges[inside[:, 1], inside[:, 0]]
-    for k in np.flatnonzero(~hidden):
-        column, row = pixels[k]
-        reach = math.ceil(3.0 * snow.sigma[k])
-        rows = slice(max(int(row) - reach, 0), max(int(row) + reach + 1, 0))
-        columns = slice(max(int(column) - reach, 0), max(int(column) + reach + 1, 0))
-        window = irradiance[rows, columns]
-        y = np.arange(rows.start, rows.start + window.shape[0]) - row
-        x = np.arange(columns.start, columns.start + window.shape[1]) - column
-        squared = (x[np.newaxis] ** 2 + y[:, np.newaxis] ** 2) / (2.0 * snow.sigma[k] ** 2)
-        opacity = (snow.opacity[k] * np.exp(-squared)).astype(np.float32)[..., np.newaxis]
-        window += opacity * (colours[k].astype(np.float32) - window)
+    """Draw a particle at a pixel (column, row) into an image, in place."""
+    column, row = pixel
+    reach = math.ceil(3.0 * sigma)
+    rows = slice(max(int(row) - reach, 0), max(int(row) + reach + 1, 0))
+    columns = slice(max(int(column) - reach, 0), max(int(column) + reach + 1, 0))
+    window = irradiance[rows, columns]
+    y = np.arange(rows.start, rows.start + window.shape[0]) - row
+    x = np.arange(columns.start, columns.start + window.shape[1]) - column
+    squared = (x[np.newaxis] ** 2 + y[:, np.newaxis] ** 2) / (2.0 * sigma**2)
+    cover = (opacity * np.exp(-squared)).astype(np.float32)[..., np.newaxis]
+    window += cover * (colour.astype(np.float32) - window)
