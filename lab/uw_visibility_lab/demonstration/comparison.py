@@ -27,8 +27,6 @@ from uw_visibility_lab.evaluation.tables import as_csv
 from uw_visibility_lab.simulation.frame import RenderedFrame
 
 NAN = math.nan
-CORRECT = 1.0
-"""Largest error in px of a correct disparity."""
 
 QUANTITIES: dict[str, tuple[str, str, Callable[[Any], tuple[float, float]]]] = {
     "mean_attenuation": (
@@ -95,7 +93,7 @@ def compare(frame: Truth, answer: Answer, before: DisparityMap) -> Row:
 def score(disparity: DisparityMap, truth: DisparityMap) -> tuple[float, float]:
     """Return the matched and the correct share of the pixels that have a true disparity."""
     matched = matched_fraction(disparity[np.isfinite(truth)])
-    return matched, correct_fraction(disparity, truth, CORRECT)
+    return matched, correct_fraction(disparity, truth)
 
 
 def summarize(rows: Sequence[Row]) -> dict[str, str]:

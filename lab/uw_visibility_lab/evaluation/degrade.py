@@ -11,11 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import DisparityMap, Image8, Mask, RangeMap
 from uw_visibility.images.files import read_image
 from uw_visibility.images.overview import shown
 from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
+from uw_visibility.stereo.interpolation import fill_gaps
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility_lab.simulation.camera import NOISELESS, Sensor
 
@@ -138,19 +140,13 @@ def fill_from_background(disparity: DisparityMap) -> DisparityMap:
     Unknown pixels are mostly occluded ones, which lie on the background side.
     A row without any known pixel takes the nearest filled row.
     """
-    known = np.isfinite(disparity)
-    if not known.any():
+    rows = np.flatnonzero(np.isfinite(disparity).any(axis=1))
+    if not len(rows):
         raise InputError("the disparity map has no known pixel to fill the others from")
     height, width = disparity.shape
-    column = np.arange(width)
-    before = np.maximum.accumulate(np.where(known, column, -1), axis=1)
-    after = np.minimum.accumulate(np.where(known, column, width)[:, ::-1], axis=1)[:, ::-1]
-    row = np.arange(height)[:, np.newaxis]
-    padded = np.pad(np.where(known, disparity, np.inf), ((0, 0), (1, 1)), constant_values=np.inf)
-    filled = np.minimum(padded[row, before + 1], padded[row, after + 1])
-    rows = np.flatnonzero(known.any(axis=1))
+    filled = fill_gaps(disparity, width, Workers(1))
     nearest = rows[np.abs(np.arange(height)[:, np.newaxis] - rows).argmin(axis=1)]
-    return np.asarray(filled[nearest], dtype=np.float32)
+    return filled[nearest]
 
 
 def warp_to_right(disparity_left: DisparityMap) -> DisparityMap:

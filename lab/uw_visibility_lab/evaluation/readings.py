@@ -10,16 +10,17 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from uw_visibility.images.arrays import Array
+from uw_visibility.optics.lamps import vector
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Visibility
 from uw_visibility_lab.evaluation.judging import Answer, Judged
+from uw_visibility_lab.simulation.camera import Triple
 
 OK = str(Status.OK)
-Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -34,14 +35,13 @@ class Truth:
 
     @classmethod
     def of_water(
-        cls, attenuation: ArrayLike, ambient_light: ArrayLike, clear_water_attenuation: ArrayLike,
-        depth: float, contrast: float,
+        cls, beta: Array, ambient_light: Array, clear_water_attenuation: Array, depth: float,
+        contrast: float,
     ) -> Truth:
         """Derive everything from β, I∞ and κ, with the visible contrast of eq. 11."""
-        beta = np.asarray(attenuation, dtype=np.float64)
         return cls(
-            float(np.mean(beta - np.asarray(clear_water_attenuation))), depth, triple(beta),
-            triple(ambient_light), visibility_distance(float(beta.min()), contrast))
+            float(np.mean(np.subtract(beta, clear_water_attenuation))), depth, vector(beta),
+            vector(ambient_light), visibility_distance(float(np.min(beta)), contrast))
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ class Reading:
         """Reading of an estimate and its assessment."""
         return cls(
             str(estimate.status), str(visibility.status), str(visibility.depth_status),
-            triple(estimate.attenuation), triple(estimate.attenuation_stddev),
-            triple(estimate.ambient_light), triple(estimate.ambient_light_stddev),
+            vector(estimate.attenuation), vector(estimate.attenuation_stddev),
+            vector(estimate.ambient_light), vector(estimate.ambient_light_stddev),
             visibility.mean_attenuation, visibility.mean_attenuation_stddev,
             visibility.distance, visibility.distance_stddev,
             visibility.depth, visibility.depth_stddev,
@@ -103,9 +103,3 @@ def reasons_text(title: str, readings: Iterable[Reading]) -> list[str]:
     reasons = "; ".join(
         f"{reason.split(' (')[0]}: {n}" for reason, n in counts.most_common() if reason != OK)
     return [f"  {title}: {reasons}"] if reasons else []
-
-
-def triple(values: ArrayLike) -> Triple:
-    """Return the values for R, G, B as plain numbers."""
-    red, green, blue = (float(v) for v in np.asarray(values, dtype=np.float64))
-    return red, green, blue
