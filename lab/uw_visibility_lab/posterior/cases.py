@@ -10,13 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from uw_visibility.config.schema import CameraConfig, PipelineConfig
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Array
 from uw_visibility.images.files import read_image
-from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility_lab.posterior.judge import Case, LampCase
+from uw_visibility_lab.simulation.water import CLEAR_WATER
 from uw_visibility_lab.tracer.files import TRUTH
 from uw_visibility_lab.tracer.files import load as load_traced
 from uw_visibility_lab.worlds.draw import draw
@@ -62,7 +61,7 @@ def traced(folder: Path, seed: int = 0) -> Iterator[Case]:
         noise = np.random.default_rng((seed, index)).normal(0.0, 1.0, scene.image.shape)
         codes = np.clip(np.rint(scene.image * 255.0 + noise), 0, 255).astype(np.uint8)
         yield Case(
-            codes, scene.ranges.astype(np.float32), 0.0, "linear", clear_water(), scene.attenuation,
+            codes, scene.ranges.astype(np.float32), 0.0, "linear", CLEAR_WATER, scene.attenuation,
             place.name)
 
 
@@ -94,7 +93,7 @@ def sea(folder: Path) -> Iterator[Case]:
         along_the_ray = z.astype(np.float32) / 1000.0 * rig.ray_lengths(z.shape)
         yield Case(
             image, np.where(z > 0, along_the_ray, np.float32(np.nan)), 0.0, "linear",
-            clear_water(), None, path.stem)
+            CLEAR_WATER, None, path.stem)
 
 
 def halves(case: Case) -> tuple[Case, Case]:
@@ -106,8 +105,3 @@ def halves(case: Case) -> tuple[Case, Case]:
             ranges=np.ascontiguousarray(case.ranges[:, columns]), name=f"{case.name} {name}")
         for name, columns in (("left", np.s_[:middle]), ("right", np.s_[middle:])))
     return left, right
-
-
-def clear_water() -> Array:
-    """Clear water's attenuation for the default camera, 1/m, RGB."""
-    return clear_water_attenuation(load_response(CameraConfig().response))

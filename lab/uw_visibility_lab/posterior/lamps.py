@@ -27,13 +27,13 @@ from uw_visibility.images.arrays import Array
 from uw_visibility.water.estimate import ONE_SIGMA
 from uw_visibility.water.lamps.nodes import Nodes
 from uw_visibility.water.lamps.posterior import FITTED, Fitted, infer
-from uw_visibility_lab.posterior.cases import by_lamps, clear_water
+from uw_visibility_lab.posterior.cases import by_lamps
 from uw_visibility_lab.posterior.judge import LampCase, estimate_by_lamps
 from uw_visibility_lab.simulation.camera import Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import Renderer
 from uw_visibility_lab.simulation.lamps import Lighting, default_rig, lighting_parameters
 from uw_visibility_lab.simulation.scene import reef
-from uw_visibility_lab.simulation.water import Water
+from uw_visibility_lab.simulation.water import CLEAR_WATER, Water
 from uw_visibility_lab.worlds.scenes import load_scene
 from uw_visibility_lab.worlds.scenes import pool as scenes_of
 
@@ -72,7 +72,7 @@ def reefs(number: int, first: int = REEFS) -> Iterator[LampCase]:
         config = PipelineConfig.from_parameters(lighting_parameters(lamps, daylight=False))
         yield LampCase(
             frame.left, CAMERA.rig.range_from_disparity(frame.disparity_left), 0.0,
-            config.camera.transfer, clear_water(), frame.attenuation, f"reef {seed}",
+            config.camera.transfer, CLEAR_WATER, frame.attenuation, f"reef {seed}",
             config.lighting, CAMERA.rig.focal_length)
 
 

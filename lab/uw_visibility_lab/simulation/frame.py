@@ -15,7 +15,6 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import check_range
 from uw_visibility.images.arrays import Array, Image8, Map
-from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility_lab.simulation.camera import CameraEffects, Pose, Sensor, StereoCamera
 from uw_visibility_lab.simulation.formation import effective_attenuation, form_image
 from uw_visibility_lab.simulation.lamp_light import (
@@ -29,7 +28,7 @@ from uw_visibility_lab.simulation.lamps import Lamp, Lighting
 from uw_visibility_lab.simulation.noise import value_noise
 from uw_visibility_lab.simulation.scene import Scene
 from uw_visibility_lab.simulation.view import View, look
-from uw_visibility_lab.simulation.water import EXPOSED, RESPONSE, Water
+from uw_visibility_lab.simulation.water import CLEAR_WATER, EXPOSED, Water
 
 
 @dataclass(frozen=True)
@@ -201,8 +200,7 @@ def mean_attenuation(attenuation: Array, water: Water) -> float:
     grey = water.effects.water_type is None and not any(water.effects.channel_attenuation)
     if grey and np.array_equal(attenuation, water.attenuation()):
         return water.mean_attenuation
-    clear = clear_water_attenuation(load_response(RESPONSE))
-    return float(np.mean(attenuation - clear))
+    return float(np.mean(attenuation - CLEAR_WATER))
 
 
 @njit(nogil=True, error_model="numpy")

@@ -37,6 +37,9 @@ from uw_visibility_lab.simulation.camera import Triple
 RESPONSE = "nikon_d5100"
 """The simulated camera's spectral response: the package's default."""
 
+CLEAR_WATER = clear_water_attenuation(load_response(RESPONSE))
+"""Attenuation of clear sea water as this camera sees it, RGB, 1/m."""
+
 EXPOSED = 0.8
 """Irradiance of white in the strongest channel with automatic exposure."""
 
@@ -194,8 +197,7 @@ class Water:
         bands = self.bands()
         if bands is not None:
             return np.asarray(-bands.log_transmission[1] / _PATHS[1])
-        clear = clear_water_attenuation(load_response(RESPONSE))
-        return np.asarray(clear + self.mean_attenuation + self.effects.channel_attenuation)
+        return np.asarray(CLEAR_WATER + self.mean_attenuation + self.effects.channel_attenuation)
 
     def scene_light(self) -> Array:
         """Return W, the light on the scene at the camera's depth, as irradiance in the image."""
