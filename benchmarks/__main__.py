@@ -18,14 +18,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from benchmarks import presets
-from benchmarks.timing import take_turns
+from benchmarks.presets import compare, take_turns
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.compute.memory import keep_freed_memory
 from uw_visibility.compute.threads import Workers
-from uw_visibility.optics.spectra import clear_water_attenuation, load_response
+from uw_visibility.images.arrays import Image8
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import Matcher
 from uw_visibility_lab.evaluation.baselines import sgbm
@@ -33,7 +31,7 @@ from uw_visibility_lab.evaluation.degrade import load_scene
 from uw_visibility_lab.simulation.camera import Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import Renderer
 from uw_visibility_lab.simulation.scene import reef
-from uw_visibility_lab.simulation.water import Water
+from uw_visibility_lab.simulation.water import CLEAR_WATER, Water
 
 # Width, height and number of disparities of each case.
 CASES = ((640, 480, 128), (1280, 960, 256))
@@ -42,8 +40,6 @@ MEAN_ATTENUATION = 0.2
 DEPTH = 2.0
 # Standard deviation, codes.
 NOISE = 2.0
-
-Image = NDArray[np.uint8]
 
 
 def main() -> None:
@@ -67,12 +63,12 @@ def main() -> None:
             small, large = (report[f"{w}x{h}"][threads] for w, h, _ in CASES)
             large["over_small"] = large["pipeline_ms"] / small["pipeline_ms"]
             print(f"{threads} thread(s): large over small {large['over_small']:.2f}")
-    report["presets"] = presets.compare([], options.rounds)
+    report["presets"] = compare([], options.rounds)
     Path(options.json).write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     print(f"\nratios written to {options.json}")
 
 
-def load_pair(width: int, height: int) -> tuple[Image, Image, str]:
+def load_pair(width: int, height: int) -> tuple[Image8, Image8, str]:
     """Return a turbid pair: aloe if there is recorded data, otherwise a rendered reef."""
     if not SCENE.is_dir():
         camera = StereoCamera(width, height, focal_length=600.0 * width / 640)
@@ -80,16 +76,15 @@ def load_pair(width: int, height: int) -> tuple[Image, Image, str]:
         frame = Renderer(camera).render(reef(), Pose((0.0, 0.0, 1.5), tilt=0.3), water)
         return frame.left, frame.right, f"rendered reef at {MEAN_ATTENUATION} 1/m"
     scene = load_scene(SCENE)
-    clear = clear_water_attenuation(load_response("nikon_d5100"))
     left, right = (
         cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
-        for image in scene.degraded(MEAN_ATTENUATION, DEPTH, clear)
+        for image in scene.degraded(MEAN_ATTENUATION, DEPTH, CLEAR_WATER)
     )
     return left, right, f"aloe at {MEAN_ATTENUATION} 1/m"
 
 
 def run_case(
-    left: Image, right: Image, disparities: int, threads: int, rounds: int
+    left: Image8, right: Image8, disparities: int, threads: int, rounds: int
 ) -> dict[str, float]:
     """Time one size with one number of threads; return ratios and medians."""
     height, width = left.shape[:2]
@@ -154,17 +149,14 @@ def print_stages(
     """Print median, spread and share of each stage, and the ratios."""
     total = statistics.median(stages["total"][1:])
     print(f"\n  {threads} thread(s)                  median ms   min .. max      share")
-    for stage, values in stages.items():
-        print_row(stage, values[1:], f"{statistics.median(values[1:]) / total:8.1%}")
     peer = statistics.median(times["sgbm"])
-    for name, values in times.items():
-        print_row(f"[{name}]", values, f"{statistics.median(values) / peer:8.2f} x StereoSGBM")
-
-
-def print_row(name: str, values: list[float], last: str) -> None:
-    """Print one row of the table."""
-    middle = statistics.median(values)
-    print(f"  {name:28s} {middle:9.2f}   {min(values):7.2f} .. {max(values):7.2f} {last}")
+    rows = [(name, values[1:], "{:8.1%}", total) for name, values in stages.items()]
+    rows += [
+        (f"[{name}]", values, "{:8.2f} x StereoSGBM", peer) for name, values in times.items()]
+    for name, values, share, whole in rows:
+        middle = statistics.median(values)
+        print(f"  {name:28s} {middle:9.2f}   {min(values):7.2f} .. {max(values):7.2f} "
+              + share.format(middle / whole))
 
 
 if __name__ == "__main__":

@@ -41,7 +41,6 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 
 from benchmarks.__main__ import load_pair
-from benchmarks.timing import processor_time
 from uw_visibility.compute.threads import use_one_thread
 from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.images import write_image
@@ -272,6 +271,12 @@ def memory(pid: int) -> dict[str, float]:
     lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
     fields = dict(line.split(":", 1) for line in lines)
     return {name: int(fields[name].split()[0]) / 1024 for name in ("VmRSS", "VmHWM")}
+
+
+def processor_time(pid: int) -> float:
+    """Return the processor time of a process, s."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / float(os.sysconf("SC_CLK_TCK"))
 
 
 def watch(

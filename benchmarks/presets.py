@@ -15,7 +15,8 @@ from __future__ import annotations
 import argparse
 import json
 import statistics
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,14 +26,13 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from benchmarks.timing import take_turns
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.commands.calibration_file import read_rig
 from uw_visibility.config.schema import read_yaml
 from uw_visibility.images.files import read_image
-from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility_lab.evaluation.degrade import Scene, load_scene
 from uw_visibility_lab.evaluation.metrics import colour_difference, correct_fraction
+from uw_visibility_lab.simulation.water import CLEAR_WATER
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
@@ -110,6 +110,21 @@ def measure_times(presets: Mapping[str, Parameters], rounds: int) -> dict[str, f
     return {name: statistics.median(values) for name, values in times.items()}
 
 
+def take_turns(
+    candidates: Mapping[str, Callable[[], Any]], rounds: int,
+    clock: Callable[[], float] = time.process_time,
+) -> dict[str, list[float]]:
+    """Time every candidate once per round, after a warm-up round that does not count; ms."""
+    times: dict[str, list[float]] = {name: [] for name in candidates}
+    for turn in range(rounds + 1):
+        for name, call in candidates.items():
+            begin = clock()
+            call()
+            if turn:
+                times[name].append(1e3 * (clock() - begin))
+    return times
+
+
 def measure(parameters: Parameters) -> dict[str, float]:
     """Return correct fractions, error of the mean attenuation (1/m) and colour difference."""
     correct: dict[float, list[float]] = {alpha: [] for alpha in ATTENUATIONS}
@@ -132,7 +147,7 @@ def degrade(
     scene: Scene, alpha: float
 ) -> tuple[StereoRig, NDArray[Any], NDArray[Any], NDArray[np.float32], NDArray[Any]]:
     """Return geometry, pair, true disparity and left radiance of a scene in water."""
-    images = scene.degraded(alpha, DEPTH, clear_water_attenuation(load_response("nikon_d5100")))
+    images = scene.degraded(alpha, DEPTH, CLEAR_WATER)
     width = scene.disparity_left.shape[1]
     rig = scene.rig
     if width <= SIZE[0]:
