@@ -104,21 +104,17 @@ class IndexedFile:
             except InputError as hopeless:
                 self.damage.append(str(hopeless))
                 return
-            yield from _after(read, rest, part)
+            for message in rest.messages(part):
+                # The first messages of each topic are those that were read before the damage.
+                if read[message.topic] > 0:
+                    read[message.topic] -= 1
+                else:
+                    yield message
             self.damage += [note for note in rest.damage if note not in self.damage]
             rest.close()
 
     def close(self) -> None:
         self._reader.close()
-
-
-def _after(read: Counter[str], rest: Storage, part: Part) -> Iterator[Recorded]:
-    """Yield salvaged messages, without the first `read[topic]` of each topic."""
-    for message in rest.messages(part):
-        if read[message.topic] > 0:
-            read[message.topic] -= 1
-        elif part.holds(message):
-            yield message
 
 
 def _check_index(path: Path) -> None:

@@ -8,7 +8,7 @@ import bz2
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import lz4.frame
 import rosbags.rosbag1.reader
@@ -39,13 +39,6 @@ class PackingError(Exception):
     """Compressed data are damaged, or of an unknown format."""
 
 
-class Unpacked(NamedTuple):
-    """Decompressed data, and the reason if they end early; empty if complete."""
-
-    data: bytes
-    problem: str
-
-
 def unpack(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> bytes:
     """Decompress data.
 
@@ -53,21 +46,24 @@ def unpack(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> bytes:
     most: limit of decompressed bytes.
     Raises `PackingError` if the data cannot be decompressed completely.
     """
-    unpacked = unpack_part(data, compression, most)
-    if unpacked.problem:
-        raise PackingError(f"{compression}: {unpacked.problem}")
-    return unpacked.data
+    unpacked, problem = unpack_part(data, compression, most)
+    if problem:
+        raise PackingError(f"{compression}: {problem}")
+    return unpacked
 
 
-def unpack_part(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> Unpacked:
-    """Decompress data as far as possible; for parameters see `unpack`."""
+def unpack_part(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> tuple[bytes, str]:
+    """Decompress data as far as possible; for parameters see `unpack`.
+
+    Returns the decompressed data, and the reason if they end early; empty if complete.
+    """
     if compression in ("", "none"):
-        return Unpacked(data, "" if len(data) <= most else f"more than {most} bytes")
+        return data, "" if len(data) <= most else f"more than {most} bytes"
     if compression not in DECOMPRESSORS:
         # The name is damaged, but the data begin with a magic number.
         named = [name for name, magic in MAGIC.items() if data.startswith(magic)]
         if not named:
-            return Unpacked(b"", "unknown compression")
+            return b"", "unknown compression"
         compression = named[0]
     parts: list[bytes] = []
     size = 0
@@ -81,15 +77,15 @@ def unpack_part(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> Unpa
                 parts.append(part)
                 size += len(part)
                 if size > most:
-                    return Unpacked(b"".join(parts)[:most], f"more than {most} bytes")
+                    return b"".join(parts)[:most], f"more than {most} bytes"
                 if not part and stream.needs_input:
-                    return Unpacked(b"".join(parts), "it is cut off")
+                    return b"".join(parts), "it is cut off"
             # Several frames may follow one another.
             rest = stream.unused_data or b""
     except Exception as error:
         # Each library has its own errors.
-        return Unpacked(b"".join(parts), str(error))
-    return Unpacked(b"".join(parts), "")
+        return b"".join(parts), str(error)
+    return b"".join(parts), ""
 
 
 def unpack_file(source: Path, target: Path) -> str:

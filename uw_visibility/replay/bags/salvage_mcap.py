@@ -128,16 +128,12 @@ class McapSalvage:
         kind, length = struct.unpack("<BQ", head)
         if length > max(source.size - at - HEAD, MOST_AT_ONCE):
             # If only the length is damaged, the record before is intact.
-            return self._fields_fit(source, at, kind)
+            if kind == CHUNK:
+                content = _chunk_length(source, at)
+                return content is not None and at + HEAD + content <= source.size
+            return kind == MESSAGE and self._is_known(source, at)
         # Applications may add other kinds of records.
         return kind != 0
-
-    def _fields_fit(self, source: Source, at: int, kind: int) -> bool:
-        """Return whether the fields of a record are those of a chunk, or of a known channel."""
-        if kind == CHUNK:
-            length = _chunk_length(source, at)
-            return length is not None and at + HEAD + length <= source.size
-        return kind == MESSAGE and self._is_known(source, at)
 
     def _is_known(self, source: Source, at: int) -> bool:
         """Return whether the channel of a message is known."""

@@ -8,7 +8,7 @@ import io
 import os
 import re
 from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PosixPath
 from typing import Any, BinaryIO
 
 from uw_visibility.config.files import check_regular
@@ -75,22 +75,8 @@ def open_regular(path: Path) -> BinaryIO:
     return _LimitedFile(io.FileIO(path))
 
 
-class RecordingPath:
-    """Path of a file for rosbags (`rosbags.interfaces.typing.RPath`), with limited reads."""
+class RecordingPath(PosixPath):
+    """Path of a file for rosbags, which reads it with limits."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self.suffix, self.stem = path.suffix, path.stem
-
-    def open(self, *_args: Any, **_kwargs: Any) -> BinaryIO:
-        """Open the file for reading."""
-        return open_regular(self._path)
-
-    def exists(self) -> bool:
-        return self._path.exists()
-
-    def is_dir(self) -> bool:
-        return False
-
-    def __str__(self) -> str:
-        return str(self._path)
+    def open(self, *_args: Any, **_kwargs: Any) -> BinaryIO:  # type: ignore[override]
+        return open_regular(self)
