@@ -18,7 +18,7 @@ from hypothesis.extra.numpy import arrays
 from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.estimates import Estimate, ImageHeader
 from uw_visibility.messages.frames import StereoFrame, StereoPair
-from uw_visibility.messages.images import MessageFactory, read_image, typestore_factory
+from uw_visibility.messages.images import MessageFactory, read_image
 from uw_visibility.messages.outputs import (
     DISPARITY_STEP,
     TOPICS,
@@ -55,8 +55,10 @@ def make(request: pytest.FixtureRequest) -> MessageFactory:
         from uw_visibility.ros.transport.factory import make_message
 
         return make_message
-    typesys = pytest.importorskip("rosbags.typesys", reason="rosbags is not installed")
-    return typestore_factory(typesys.get_typestore(typesys.Stores.ROS2_JAZZY).types)
+    pytest.importorskip("rosbags", reason="rosbags is not installed")
+    from uw_visibility.replay.bags.decoder import jazzy_types
+
+    return jazzy_types()[1]
 
 
 def header(sec: int, frame_id: str) -> SimpleNamespace:

@@ -39,9 +39,10 @@ from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.messages.estimates import NIS_TOPICS
 from uw_visibility.messages.frames import StereoFrame
-from uw_visibility.messages.images import stamp_to_nanoseconds, typestore_factory
+from uw_visibility.messages.images import stamp_to_nanoseconds
 from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.processor import FrameProcessor
+from uw_visibility.replay.bags.decoder import jazzy_types
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.table import read_rows
@@ -104,7 +105,7 @@ def test_messages_and_table_are_those_of_the_common_path(transect: Path, tmp_pat
     assert run(transect, tmp_path / "out", "--params-file", params).code == 0
     found = {(t, time): data for t, time, data in messages_of(tmp_path / "out")}
     types = get_typestore(Stores.ROS2_JAZZY)
-    processor = FrameProcessor(typestore_factory(types.types), False)
+    processor = FrameProcessor(jazzy_types()[1], False)
     config, topics = PipelineConfig.from_parameters(ALONE), all_topics(NodeConfig())
     rows = read_rows(tmp_path / "out" / "frames.csv")
     for frame, row in zip(frames_of(transect), rows, strict=True):
@@ -123,8 +124,7 @@ def test_messages_and_table_are_those_of_the_common_path(transect: Path, tmp_pat
 def test_filtered_messages_are_those_of_a_filter_over_all_frames(
     transect: Path, replayed: Path
 ) -> None:
-    types = get_typestore(Stores.ROS2_JAZZY)
-    processor = FrameProcessor(typestore_factory(types.types), False)
+    processor = FrameProcessor(jazzy_types()[1], False)
     config = PipelineConfig.from_parameters({"threads": 1})
     tracker = WaterTracker(config.tracking)
     with BagReader(replayed / "results.mcap") as reader:

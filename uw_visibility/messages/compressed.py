@@ -21,7 +21,7 @@ from uw_visibility.images.arrays import Image
 from uw_visibility.images.chroma import ChromaImage, mosaic_chroma, subsampled_chroma
 from uw_visibility.images.encoded import JPEG, PNG, TruncatedError, decode, read_header
 from uw_visibility.images.jpeg import jpeg_chroma
-from uw_visibility.messages.images import ENCODINGS, SUBSAMPLED, CompressedImageMessage
+from uw_visibility.messages.images import ENCODINGS, SUBSAMPLED
 
 T = TypeVar("T")
 
@@ -36,7 +36,7 @@ def read_format(kind: str) -> tuple[str, bool]:
     return original, "compressed rgb" in compression
 
 
-def read_compressed(message: CompressedImageMessage, name: str = "image") -> tuple[Image, str]:
+def read_compressed(message: Any, name: str = "image") -> tuple[Image, str]:
     """Decompress a CompressedImage, JPEG or PNG; `name` is for error messages.
 
     Returns `pixels`, (H, W) or (H, W, 3) of uint8 or uint16, grey, or RGB; alpha is dropped and
@@ -80,13 +80,13 @@ def message_chroma(message: Any, pixels: Image) -> ChromaImage | None:
     return None
 
 
-def read_size(message: CompressedImageMessage, name: str = "image") -> tuple[int, int]:
+def read_size(message: Any, name: str) -> tuple[int, int]:
     """Read width and height, px, of a compressed image, without decompressing it."""
     header = _decoded(message, name, read_header)
     return header.width, header.height
 
 
-def _decoded(message: CompressedImageMessage, name: str, read: Callable[[bytes], T]) -> T:
+def _decoded(message: Any, name: str, read: Callable[[bytes], T]) -> T:
     """Apply `read` to the data of a message, which must be a JPEG or a PNG."""
     data, kind = bytes(message.data), printable(message.format)
     if "compressedDepth" in message.format or not data.startswith((JPEG, PNG)):

@@ -69,23 +69,19 @@ def read_depth(message: Any, config: PlausibilityConfig, arrival: int) -> DepthS
     return DepthSample(stamp, depth, variance)
 
 
-def depth_of_pressure(pressure: float, config: PlausibilityConfig) -> float:
-    """Return the depth, m, of a pressure in water, Pa; refuse one that looks like mbar."""
-    if 0.0 < pressure < MILLIBAR_RATIO * config.surface_pressure:
-        raise InputError(
-            f"depth_sensor says {pressure:g} Pa, less than the pressure of air, which looks like "
-            "mbar: publish pascals, or set plausibility.surface_pressure to 0 for gauge pressure"
-        )
-    return (pressure - config.surface_pressure) / (config.density * STANDARD_GRAVITY)
-
-
 def _value(message: Any, config: PlausibilityConfig) -> tuple[float, float]:
     """Return a message's depth or height in m, and the variance that it states."""
-    kind = config.sensor_type
-    if kind == "FluidPressure":
-        depth = depth_of_pressure(float(message.fluid_pressure), config)
+    if config.sensor_type == "FluidPressure":
+        pressure = float(message.fluid_pressure)
+        if 0.0 < pressure < MILLIBAR_RATIO * config.surface_pressure:
+            raise InputError(
+                f"depth_sensor says {pressure:g} Pa, less than the pressure of air, which looks "
+                "like mbar: publish pascals, or set plausibility.surface_pressure to 0 for gauge "
+                "pressure"
+            )
+        depth = (pressure - config.surface_pressure) / (config.density * STANDARD_GRAVITY)
         return depth, float(message.variance)
-    if kind == "PointStamped":
+    if config.sensor_type == "PointStamped":
         return float(message.point.z), 0.0
     return float(message.pose.pose.position.z), float(message.pose.covariance[Z_VARIANCE])
 

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import cv2
@@ -57,18 +57,8 @@ ENCODINGS: dict[str, Encoding] = {
 SUBSAMPLED = ("uyvy", "yuyv", "yuv422", "yuv422_yuy2")
 
 
-# Messages of rclpy and of rosbags: different classes with the fields of the ROS definition.
-ImageMessage: TypeAlias = Any
-CompressedImageMessage: TypeAlias = Any
-
 MessageFactory: TypeAlias = Callable[..., Any]
 """Makes a message of a type from all its fields; sequences of numbers are numpy arrays."""
-
-
-def typestore_factory(types: Mapping[str, Any]) -> MessageFactory:
-    """Return a factory over the ``types`` of a rosbags type store."""
-
-    return lambda name, /, **fields: types[name](**fields)
 
 
 def stamp_to_nanoseconds(stamp: Any) -> int:
@@ -76,7 +66,7 @@ def stamp_to_nanoseconds(stamp: Any) -> int:
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
-def image_view(message: ImageMessage, name: str = "image") -> Image:
+def image_view(message: Any, name: str = "image") -> Image:
     """View the pixels of an Image message, without a copy; `name` is for error messages.
 
     Returns (H, W) or (H, W, C), uint8 or uint16 of the message's byte order, channels
@@ -116,7 +106,7 @@ def image_view(message: ImageMessage, name: str = "image") -> Image:
     return np.ndarray(shape, dtype, buffer=data, strides=strides)
 
 
-def read_image(message: ImageMessage, name: str = "image") -> Image:
+def read_image(message: Any, name: str = "image") -> Image:
     """Read an Image message as the package's arrays; `name` is for error messages.
 
     Returns (H, W) or (H, W, 3), uint8 or uint16, grey or RGB; alpha is dropped, Bayer patterns and
@@ -155,7 +145,7 @@ def write_image(make: MessageFactory, pixels: Image, encoding: str, header: Any)
     )
 
 
-def _encoding(message: ImageMessage, name: str) -> Encoding:
+def _encoding(message: Any, name: str) -> Encoding:
     encoding = ENCODINGS.get(message.encoding)
     if encoding is None:
         raise InputError(

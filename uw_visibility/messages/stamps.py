@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 import struct
-from datetime import UTC, datetime
+from decimal import Decimal
+
+import numpy as np
 
 from uw_visibility.errors import InputError
 
@@ -45,19 +47,9 @@ def _stamp_format(data: bytes) -> str:
 
 def seconds(nanoseconds: int) -> str:
     """Format a time, ns, in s with all digits."""
-    # Of the magnitude: divmod would split -1.5 s into -2 s and 500,000,000 ns.
-    whole, fraction = divmod(abs(nanoseconds), SECOND)
-    return f"{'-' * (nanoseconds < 0)}{whole}.{fraction:09d}"
-
-
-def nanoseconds(text: str) -> int:
-    """Parse a time that `seconds` has formatted; returns ns."""
-    whole, _, fraction = text.removeprefix("-").partition(".")
-    amount = int(whole) * SECOND + int(fraction)
-    return -amount if text.startswith("-") else amount
+    return f"{Decimal(nanoseconds).scaleb(-9):f}"
 
 
 def iso_time(nanoseconds: int) -> str:
     """Format a time, ns since the epoch, in UTC as ISO 8601 with all digits."""
-    second = datetime.fromtimestamp(nanoseconds // SECOND, UTC)
-    return f"{second:%Y-%m-%dT%H:%M:%S}.{nanoseconds % SECOND:09d}Z"
+    return f"{np.datetime64(nanoseconds, 'ns')}Z"

@@ -111,7 +111,8 @@ class Synchronizer:
         if stamp == 0 or stamp in self._waiting[side]:
             self._drop(f"{side} image {'with a stamp seen before' if stamp else 'without a stamp'}")
             return []
-        if not self._is_late(stamp):
+        # Only an image less than the limit before the last pair, or of its stamp, may be late.
+        if self._last is None or not 0 <= self._last - stamp < RESTART_NANOSECONDS:
             self._drop_late(side)
             return self._take(side, stamp, image)
         late = self._late.get(side)
@@ -144,10 +145,6 @@ class Synchronizer:
         frames = self._release(at_once=True)
         self._drop_waiting()
         return frames
-
-    def _is_late(self, stamp: int) -> bool:
-        """Return whether a stamp is that of the last pair, or less than the limit before it."""
-        return self._last is not None and 0 <= self._last - stamp < RESTART_NANOSECONDS
 
     def _take(self, side: str, stamp: int, image: Any) -> list[SynchronizedFrame]:
         """Pair an image with a waiting one, or let it wait."""
@@ -227,7 +224,10 @@ class Synchronizer:
         missing = [side for side in SIDES if not self._infos[side]]
         if missing:
             if at_once:
-                self._drop_pair(missing)
+                self._pair = None
+                names = " and ".join(f"{side}/camera_info" for side in missing)
+                for side in SIDES:
+                    self._drop(f"{side} image while there is no {names}")
             return []
         stamps = {side: self._pair[side][0] for side in SIDES}
         late = [side for side in SIDES if stamps[side] not in self._infos[side]]
@@ -257,12 +257,6 @@ class Synchronizer:
     def _drop_late(self, side: str) -> None:
         if self._late.pop(side, None) is not None:
             self._drop(f"{side} image out of order")
-
-    def _drop_pair(self, missing: list[str]) -> None:
-        self._pair = None
-        names = " and ".join(f"{side}/camera_info" for side in missing)
-        for side in SIDES:
-            self._drop(f"{side} image while there is no {names}")
 
     def _drop(self, reason: str) -> None:
         self.dropped[reason] += 1

@@ -11,7 +11,7 @@ from typing import Any
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from uw_visibility.errors import InputError, printable
-from uw_visibility.messages.images import MessageFactory, typestore_factory
+from uw_visibility.messages.images import MessageFactory
 from uw_visibility.replay.bags.storage import Channel, Recorded
 
 IDL_SEPARATOR = "=" * 80 + "\n"
@@ -91,4 +91,4 @@ def _types(channel: Channel) -> dict[str, Any]:
 def jazzy_types() -> tuple[Any, MessageFactory]:
     """Return the type store of ROS 2 Jazzy, for serialisation, and a factory of its messages."""
     store = common_types(ros1=False)
-    return store, typestore_factory(store.types)
+    return store, lambda name, /, **fields: store.types[name](**fields)
