@@ -61,7 +61,7 @@ class Interrupted:
 def stop_at(number: int, method: Callable[..., Any]) -> Callable[..., Any]:
     """Let a method of a frame end in Ctrl-C at one of them."""
     def stopping(self: Any, item: Any, *more: Any) -> Any:
-        frame = item.number if hasattr(item, "number") else item.record.frame
+        frame = item.frame.number if hasattr(item, "frame") else item.record.frame
         if frame == number:
             raise KeyboardInterrupt
         return method(self, item, *more)

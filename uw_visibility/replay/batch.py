@@ -91,16 +91,11 @@ def replay_bags(
                 # An internal error must not stop the other recordings.
                 if not options.several:
                     raise
-                outcomes.append(_internal(error))
+                reason = printable(" ".join(str(error).split()))
+                outcomes.append(InputError(
+                    f"internal error, {type(error).__name__}: {reason} (replay it separately with "
+                    "--debug, which shows where)"))
     return settle(targets, outcomes)
-
-
-def _internal(error: Exception) -> InputError:
-    """Describe an internal error as the reason why a recording has no result."""
-    reason = printable(" ".join(str(error).split()))
-    return InputError(
-        f"internal error, {type(error).__name__}: {reason} (replay it separately with "
-        "--debug, which shows where)")
 
 
 def settle(
@@ -240,15 +235,15 @@ class _Replay:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *details: object) -> None:
-        early = kind is not None and issubclass(kind, (InputError, KeyboardInterrupt))
-        if early and self.summary.frames == 0:
-            # Refused or interrupted before the first frame: nothing is worth keeping.
+        if kind is not None:
             self._hash.stop()
-            self._recorder.close({})
-            self._folder.refuse_earlier()
-            return
+            if self.summary.frames == 0 and issubclass(kind, (InputError, KeyboardInterrupt)):
+                # Refused or interrupted before the first frame: nothing is worth keeping.
+                self._recorder.close({})
+                self._folder.refuse_earlier()
+                return
         try:
-            self._finish(hashed=kind is None)
+            self._finish()
         except OSError:
             # The first error matters more than a report that cannot be written on a full disk.
             if kind is None:
@@ -292,10 +287,8 @@ class _Replay:
             self._recorder.write_row(joined)
             self.summary.frames += 1
 
-    def _finish(self, hashed: bool) -> None:
+    def _finish(self) -> None:
         """Close everything, complete or partial, and write report and summary."""
-        if not hashed:
-            self._hash.stop()
         if self.summary.complete:
             self._write_rows(self._joiner.finish())
         table = read_table(self._folder.work / TABLE, self._recorder.columns)

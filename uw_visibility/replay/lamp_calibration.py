@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from uw_visibility.compute.threads import Workers
@@ -172,5 +171,4 @@ def draw_calibration(path: Path, found: LampCalibration) -> None:
     light.set_ylim(bottom=0.0)
     light.grid(alpha=0.25)
     light.legend(frameon=False)
-    FigureCanvasAgg(figure)
     figure.savefig(path, dpi=DPI)

@@ -29,27 +29,21 @@ class Progress:
         self._count = 0
         self._begin = self._told = time.monotonic()
         self._bar: Any = None
-        self._waiting = threading.Timer(PERIOD, self._say, [
-            f"{name}: no frame is done yet; the first run compiles, for a minute or two"])
+        waiting = f"{name}: no frame is done yet; the first run compiles, for a minute or two"
+        self._waiting = threading.Timer(PERIOD, say, [waiting], {"error": True})
         self._waiting.daemon = True
         self._waiting.start()
 
     def add(self) -> None:
         self._count += 1
+        now = time.monotonic()
         if self._count == 1:
             self._start()
-            return
-        if self._bar is not None:
+        elif self._bar is not None:
             self._bar.update()
-            return
-        now = time.monotonic()
-        if now - self._told >= PERIOD:
+        elif now - self._told >= PERIOD:
             self._told = now
-            self._say(self._line(now - self._begin))
-
-    @staticmethod
-    def _say(line: str) -> None:
-        print(line, file=sys.stderr, flush=True)
+            say(self._line(now - self._begin), error=True)
 
     def _start(self) -> None:
         self._waiting.cancel()
@@ -105,7 +99,7 @@ def compiling() -> Iterator[None]:
             compiled, now = counts.compiled - before, time.monotonic()
             if compiled > 0 and now - told >= PERIOD:
                 told = now
-                print(f"compiling: {compiled} kernels so far", file=sys.stderr, flush=True)
+                say(f"compiling: {compiled} kernels so far", error=True)
 
     watcher = threading.Thread(target=watch, daemon=True)
     watcher.start()

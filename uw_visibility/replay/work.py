@@ -17,7 +17,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, TypeVar
+from typing import Any
 
 from uw_visibility.compute.processes import process_pool
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
@@ -94,21 +94,18 @@ class RecordingProcessor:
         self._processor = FrameProcessor(make, recording.node.rectify)
         self._types_by_topic = all_topics(recording.node)
 
-    def answer(
-        self, frame: RecordedFrame, known_light: LampLight | None = None,
-        known_water: KnownWater | None = None,
-    ) -> FrameAnswer:
+    def answer(self, task: FrameTask) -> FrameAnswer:
         """Process a frame; an error loses only this frame."""
         asked = []
-        recording = self._recording
+        frame, recording = task.frame, self._recording
 
         def known() -> KnownWater | None:
             asked.append(True)
-            return known_water
+            return task.known_water
 
         record = FrameRecord(frame.number, frame.stamp, frame.right_stamp, frame.time)
         try:
-            work, result = self._assess(frame, known_light, known)
+            work, result = self._assess(frame, task.known_light, known)
             messages = [
                 (topic, bytes(self._types.serialize_cdr(message, self._types_by_topic[topic])))
                 for topic, message in work.messages(result, recording.node, recording.topics)
@@ -156,18 +153,11 @@ def answer(task: FrameTask) -> FrameAnswer:
         while len(_processors) > 1:
             del _processors[next(iter(_processors))]
         _processors[key] = RecordingProcessor(task.recording)
-    return _processors[key].answer(task.frame, task.known_light, task.known_water)
+    return _processors[key].answer(task)
 
-
-Other = TypeVar("Other")
 
 # Frames read ahead per process, so that none waits, within the memory.
 READ_AHEAD = 2
-
-
-class _Given(NamedTuple):
-    task: FrameTask
-    future: Future[FrameAnswer]
 
 
 class FramePool:
@@ -183,43 +173,43 @@ class FramePool:
         return 0 if self._jobs == 1 else READ_AHEAD * self._jobs
 
     def answers(
-        self, items: Iterable[FrameTask | Other],
-        known: Callable[[], KnownWater | None] = lambda: None,
-    ) -> Iterator[FrameAnswer | Other]:
+        self, items: Iterable[Any], known: Callable[[], KnownWater | None] = lambda: None
+    ) -> Iterator[Any]:
         """Yield the answers to tasks in the order of the items, and other items unchanged.
 
         `known` returns the water after the answers yielded so far. Processes that work ahead do
         not have it: frames that depend on it are processed again.
         """
-        waiting: deque[_Given | Other] = deque()
+        # Tasks with their futures, and other items with None.
+        waiting: deque[tuple[Any, Future[FrameAnswer] | None]] = deque()
         tasks = 0
         for item in items:
             if not isinstance(item, FrameTask):
-                waiting.append(item)
+                waiting.append((item, None))
             elif self._executor is None:
                 yield answer(replace(item, known_water=known()))
             else:
-                waiting.append(_Given(item, self._executor.submit(answer, item)))
+                waiting.append((item, self._executor.submit(answer, item)))
                 tasks += 1
-            while waiting and (
-                tasks > self.read_ahead or not isinstance(waiting[0], _Given)
-                or waiting[0].future.done()
-            ):
-                head = waiting.popleft()
-                tasks -= isinstance(head, _Given)
-                yield self._settled(head, known())
-        for head in waiting:
-            yield self._settled(head, known())
+            while waiting:
+                head, future = waiting[0]
+                if future is not None and not future.done() and tasks <= self.read_ahead:
+                    break
+                waiting.popleft()
+                tasks -= future is not None
+                yield self._settled(head, future, known())
+        for head, future in waiting:
+            yield self._settled(head, future, known())
 
     def _settled(
-        self, head: _Given | Other, known: KnownWater | None
-    ) -> FrameAnswer | Other:
-        if not isinstance(head, _Given):
-            return head
-        found = head.future.result()
+        self, item: Any, future: Future[FrameAnswer] | None, known: KnownWater | None
+    ) -> Any:
+        if future is None:
+            return item
+        found = future.result()
         if found.asked and known is not None:
             assert self._executor is not None
-            again = replace(head.task, known_water=known)
+            again = replace(item, known_water=known)
             found = self._executor.submit(answer, again).result()
         return found
 

@@ -40,7 +40,7 @@ RECORD = re.compile(
 class McapSalvage:
     """Reader of an MCAP file with any damage, record by record; a `Storage`."""
 
-    span = None
+    span: tuple[int, int] | None = None
 
     def __init__(self, path: Path) -> None:
         self._path = path

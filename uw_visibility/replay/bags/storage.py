@@ -46,20 +46,14 @@ class Part(NamedTuple):
 
 
 class Storage(Protocol):
-    """Reader of one file of a recording.
-
-    span: times of the first and the last message, ns; None without an index.
-    """
+    """Reader of one file of a recording."""
 
     channels: list[Channel]  # topics of the file
     damage: list[str]  # damage found so far, in sentences
-
-    @property
-    def span(self) -> tuple[int, int] | None: ...
+    span: tuple[int, int] | None  # times of first and last message, ns; None without an index
 
     def messages(self, part: Part) -> Iterator[Recorded]:
         ...
 
     def close(self) -> None:
-        """Close the file."""
         ...

@@ -55,10 +55,6 @@ class Track(Generic[Value]):
         while len(self._values) > 1 and self._values[1].stamp <= stamp:
             self._values.popleft()
 
-    def around(self, stamp: int) -> tuple[Value, Value, float] | None:
-        """Return the neighbours of a stamp, and its share of the way between; None without any."""
-        return neighbours(self._values, stamp, self._longest)
-
 
 class DepthTrack(Track[DepthSample]):
     def at(self, stamp: int) -> DepthSample | None:
@@ -101,12 +97,9 @@ def wrap_longitude(degrees: float) -> float:
 
 
 class PositionTrack(Track[Position]):
-    def __init__(self) -> None:
-        super().__init__(LONGEST_GAP)
-
     def at(self, stamp: int) -> Position | None:
         """Return the position at a stamp, linear between its neighbours."""
-        found = self.around(stamp)
+        found = neighbours(self._values, stamp, self._longest)
         if found is None:
             return None
         before, after, share = found
@@ -205,7 +198,7 @@ class ScalarTrack(Track[ScalarValue]):
 
     def at(self, stamp: int) -> float:
         """Return the value at a stamp, linear between neighbours; NaN without neighbours."""
-        found = self.around(stamp)
+        found = neighbours(self._values, stamp, self._longest)
         if found is None:
             return math.nan
         before, after, share = found

@@ -265,7 +265,7 @@ def _filtering(summary: Summary) -> list[Sentence]:
     events = summary.counts["filtering"]
     taken = sum(events[word(event)] for event in TAKEN)
     if summary.rejections():
-        found.append([f"{_sentence(summary.rejections())}"])
+        found.append([_sentence(summary.rejections())])
     elif taken:
         found.append([f"The filter over frames rejected none of {amount(taken, 'estimate')}."])
     elif not events:

@@ -12,6 +12,7 @@ from uw_visibility.config.schema import PlausibilityConfig
 from uw_visibility.plausibility.comparison import Verdict
 from uw_visibility.plausibility.monitor import WAITING_ESTIMATES, Comparison, DepthMonitor
 from uw_visibility.replay.inputs.sensors import (
+    LONGEST_GAP,
     DepthTrack,
     Position,
     PositionTrack,
@@ -47,7 +48,7 @@ class Joiner:
     ) -> None:
         self._monitor = DepthMonitor(config) if config.sensor_type != "none" else None
         self._depths = DepthTrack(config.timeout)
-        self._positions = PositionTrack() if position else None
+        self._positions = PositionTrack(LONGEST_GAP) if position else None
         self._origin = origin
         self._scalars = {join: ScalarTrack(tolerance) for join in joins}
         self._tracks: list[Track[Any]] = [
