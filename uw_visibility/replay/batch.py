@@ -19,6 +19,7 @@ from uw_visibility.replay import stores
 from uw_visibility.replay.bags.layout import find_files
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.frame_log import NAME as LOG
+from uw_visibility.replay.frame_log import EarlierPart
 from uw_visibility.replay.inputs.options import ReplayOptions, check_in_any, without_lacking
 from uw_visibility.replay.inputs.sensors import LONGEST_GAP
 from uw_visibility.replay.inputs.stream import Event, InputStream, RecordedFrame
@@ -28,9 +29,8 @@ from uw_visibility.replay.report.sentences import verdict
 from uw_visibility.replay.results.exports import check_exports, write_exports
 from uw_visibility.replay.results.folder import DAY, MARK, RESULT, TABLE, ResultFolder, read_state
 from uw_visibility.replay.results.joining import Joiner
-from uw_visibility.replay.results.mcap import EarlierPart, copied_topics
 from uw_visibility.replay.results.provenance import FileHash, Origin
-from uw_visibility.replay.results.recorder import FrameRecorder, frame_topics
+from uw_visibility.replay.results.recorder import FrameRecorder, copied_topics, frame_topics
 from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.stores import Place
 from uw_visibility.replay.table import Columns, read_table

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Log of the frames of a replay as JSON lines, so that it can be resumed.
+"""Log of the frames of a replay as JSON lines, and resuming of an interrupted replay from it.
 
 Numbers are restored bit by bit: floats are written by ``float.hex``, arrays as bytes. Nothing in
 the file is executed, because it may come from elsewhere with its folder.
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
@@ -19,7 +19,11 @@ import numpy as np
 
 from uw_visibility.errors import InputError
 from uw_visibility.messages.estimates import ImageHeader
+from uw_visibility.replay.bags.reader import BagReader, UnreadableError
 from uw_visibility.replay.records import FrameEstimate, FrameRecord
+from uw_visibility.replay.results.folder import MESSAGES, TABLE
+from uw_visibility.replay.table import read_rows
+from uw_visibility.replay.work import FrameAnswer
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.blocks import Blocks
@@ -143,3 +147,61 @@ def _is_a(value: Any, hint: Any) -> bool:
     """Return whether a value has a type or one of a union; generic types by their origin only."""
     options = get_args(hint) if isinstance(hint, UnionType) else (hint,)
     return any(type(value) is (get_origin(option) or option) for option in options)
+
+
+class EarlierPart:
+    """Frames of an interrupted replay, to be reused.
+
+    Only messages of topics that depend on a single frame are reused.
+    """
+
+    def __init__(self, folder: Path, topics: Collection[str]) -> None:
+        self._folder = folder
+        self._topics = {f"/{topic}" for topic in topics}
+        self._table = folder / TABLE
+
+    def frames(self) -> int:
+        """Return how many rows its table has."""
+        return sum(1 for _ in read_rows(self._table)) if self._table.is_file() else 0
+
+    def answers(self) -> Iterator[FrameAnswer]:
+        """Yield the frames whose row and messages are all there, in order."""
+        if not self._table.is_file():
+            return
+        groups, records = self._groups(), read_records(self._folder)
+        for row, record in zip(read_rows(self._table), records, strict=False):
+            if row.get("frame") != str(record.frame):
+                return
+            if record.estimate is None:
+                yield FrameAnswer(record)
+                continue
+            group = next(groups, None)
+            if group is None or group[0] != record.time:
+                return
+            yield FrameAnswer(record, group[1], resumed=True)
+
+    def _groups(self) -> Iterator[tuple[int, list[tuple[str, bytes]]]]:
+        """Yield time and messages of the frames with messages."""
+        path = self._folder / MESSAGES
+        whole = path.is_file()
+        if not whole:
+            # After a crash the file is still in its first folder, without an end.
+            path = self._folder / "results" / MESSAGES
+        try:
+            reader = BagReader(path)
+        except (UnreadableError, OSError):
+            return
+        with reader:
+            time, group = 0, dict[str, bytes]()
+            for message in reader.messages():
+                if message.topic not in self._topics:
+                    continue
+                topic = message.topic.removeprefix("/")
+                # A frame has at most one message per topic, at the time of the frame.
+                if group and (message.time != time or topic in group):
+                    yield time, list(group.items())
+                    group = {}
+                time = message.time
+                group[topic] = message.data
+            if group and whole:
+                yield time, list(group.items())

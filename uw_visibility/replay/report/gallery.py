@@ -31,7 +31,7 @@ from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.topics import Selection
 from uw_visibility.replay.report.sentences import clock, headline
-from uw_visibility.replay.results.mcap import NAME
+from uw_visibility.replay.results.folder import MESSAGES
 from uw_visibility.replay.table import Columns
 from uw_visibility.stereo.rig import DISPARITY_STDDEV
 
@@ -121,14 +121,14 @@ class Gallery:
         self._rows = np.flatnonzero(table["reason"] == "").tolist()
         count = len(self._rows)
         chosen = {round(index) for index in np.linspace(0, count - 1, min(SCALE_FRAMES, count))}
-        with BagReader(folder / NAME) as results:
+        with BagReader(folder / MESSAGES) as results:
             found = (
                 self._at(results, DISPARITY_TOPIC, self._rows[index]) for index in sorted(chosen))
             self.scale = ColourScale.of(message for message in found if message is not None)
 
     def pictures(self, frames: Collection[int] | None = None) -> Iterator[Picture]:
         """Yield pictures of the frames of these numbers, or of all; only those with a result."""
-        with BagReader(self._folder / NAME) as results:
+        with BagReader(self._folder / MESSAGES) as results:
             for row in self._rows:
                 frame = int(self._table["frame"][row])
                 if frames is not None and frame not in frames:

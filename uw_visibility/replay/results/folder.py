@@ -16,6 +16,7 @@ from uw_visibility.errors import InputError, refusing
 # File that marks a result folder.
 MARK = "replay.json"
 TABLE = "frames.csv"
+MESSAGES = "results.mcap"
 DAY_MARK = "transects.json"
 """File that marks a folder of several results."""
 PARTIAL = ".partial"

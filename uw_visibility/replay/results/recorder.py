@@ -9,23 +9,35 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.messages.estimates import ESTIMATES, NIS_TOPICS, Estimate, nis_messages
+from uw_visibility.messages.estimates import (
+    ESTIMATES,
+    NIS_TOPICS,
+    Estimate,
+    ImageHeader,
+    nis_messages,
+)
+from uw_visibility.messages.images import MessageFactory
 from uw_visibility.messages.outputs import FILTERED, all_topics
 from uw_visibility.replay.bags.decoder import jazzy_types
-from uw_visibility.replay.bags.storage import Recorded
+from uw_visibility.replay.bags.storage import Channel, Recorded
 from uw_visibility.replay.bags.writer import BagWriter
 from uw_visibility.replay.columns import COLUMNS, FAILED, TURBIDITY, Column, joined_column
 from uw_visibility.replay.frame_log import NAME as LOG
 from uw_visibility.replay.frame_log import line_of
 from uw_visibility.replay.inputs.options import ReplayOptions
+from uw_visibility.replay.inputs.topics import COMPRESSED, Selection
 from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.records import FrameEstimate, JoinedFrame
-from uw_visibility.replay.results.mcap import DIAGNOSTICS, DIAGNOSTICS_TYPE, NAME, diagnostics
+from uw_visibility.replay.results.folder import MESSAGES, TABLE
 from uw_visibility.replay.results.provenance import texts_of
 from uw_visibility.replay.table import TableWriter, write_dictionary
 from uw_visibility.replay.work import FrameAnswer
+from uw_visibility.status import Status
 from uw_visibility.water.meaning.derived import DerivedModel
 from uw_visibility.water.series.filter import FilteredWater, WaterFilter
+
+DIAGNOSTICS = "/diagnostics"
+DIAGNOSTICS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 
 
 def columns_of(options: ReplayOptions) -> dict[str, Column]:
@@ -65,6 +77,43 @@ def frame_topics(options: ReplayOptions) -> list[str]:
     return [t for t in topics if t not in {f"{FILTERED}/{name}" for name in ESTIMATES}]
 
 
+def copied_topics(
+    selection: Selection, channels: Mapping[str, Channel]
+) -> dict[str, tuple[str, str]]:
+    """Return name and type in the results of each input topic that is copied."""
+    names = {selection.left: "/left/image_rect", selection.left_info: "/left/camera_info"}
+    if channels[selection.left].type == COMPRESSED:
+        names[selection.left] += "/compressed"
+    if selection.rectify:
+        names = {topic: topic for topic in names if topic is not None}
+    names[selection.depth] = "/depth_sensor"
+    return {
+        topic: (name, channels[topic].type) for topic, name in names.items() if topic is not None}
+
+
+def diagnostics(make: MessageFactory, joined: JoinedFrame) -> Any:
+    """Make a DiagnosticArray of a frame: statuses of its quantities."""
+    estimate, reason = joined.record.estimate, joined.record.reason
+    states = {"pipeline": reason or "ok"}
+    if estimate is not None:
+        states |= {
+            "water": str(estimate.water.status), "visibility": str(estimate.visibility.status),
+            "depth": str(estimate.visibility.depth_status),
+        }
+    if joined.verdict is not None:
+        states["depth plausibility"] = joined.verdict_reason or "ok"
+    status = [
+        make(
+            "diagnostic_msgs/msg/DiagnosticStatus",
+            level=0 if message == str(Status.OK) else 1, name=f"uw_visibility: {name}",
+            message=message, hardware_id="", values=[],
+        )
+        for name, message in states.items()
+    ]
+    header = ImageHeader.at(joined.record.stamp)
+    return make(DIAGNOSTICS_TYPE, header=header.message(make), status=status)
+
+
 class FrameRecorder:
     """Writer of rows and messages of frames, with the filter over frames.
 
@@ -85,8 +134,8 @@ class FrameRecorder:
         self._copied = copied
         self.columns = columns_of(options)
         self._model = DerivedModel(options.pipeline)
-        self._table = TableWriter(folder / "frames.csv", tuple(self.columns))
-        write_dictionary(folder / "frames.csv", self.columns)
+        self._table = TableWriter(folder / TABLE, tuple(self.columns))
+        write_dictionary(folder / TABLE, self.columns)
         self._timings: TableWriter | None = None
         topics = {**all_topics(options.node), **NIS_TOPICS}
         absolute = {f"/{topic}": name for topic, name in topics.items()} | dict(copied.values())
@@ -139,7 +188,7 @@ class FrameRecorder:
             self._bag.annotate(f"uw_visibility.{key}", text)
         self._bag.close()
         made = self._folder / "results"
-        (made / NAME).rename(self._folder / NAME)
+        (made / MESSAGES).rename(self._folder / MESSAGES)
         (made / "metadata.yaml").unlink()
         made.rmdir()
 
