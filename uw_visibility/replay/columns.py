@@ -79,9 +79,11 @@ def _integer(source: str, title: str, standard_name: str = "") -> Column:
 
 
 def _number(
-    source: str, title: str, unit: str, description: str = "", standard_name: str = ""
+    source: str, title: str, unit: str, description: str = "", standard_name: str = "",
+    status: str = "",
 ) -> Column:
-    return Column("number", title, unit, description, standard_name, source=source)
+    return Column(
+        "number", title, unit, description, standard_name, status=status, source=source)
 
 
 def _choice(source: str, title: str, choices: type[Enum], **more: str) -> Column:
@@ -90,18 +92,14 @@ def _choice(source: str, title: str, choices: type[Enum], **more: str) -> Column
         meanings=(*map(str, choices), *more.values()), source=source)
 
 
-def _with_stddev(
-    name: str, source: str, title: str, unit: str, description: str = "",
-    standard_name: str = "", status: str = "",
-) -> dict[str, Column]:
+def _with_stddev(name: str, column: Column) -> dict[str, Column]:
     """Return a column of numbers and that of their standard deviations."""
-    error = f"{standard_name} standard_error" if standard_name else ""
+    error = f"{column.standard_name} standard_error" if column.standard_name else ""
     return {
-        name: Column(
-            "number", title, unit, description, standard_name, status=status, source=source),
+        name: column,
         f"{name}_stddev": Column(
-            "number", f"standard deviation of {title}", unit, "", error, stddev_of=name,
-            source=f"{source}_stddev"),
+            "number", f"standard deviation of {column.title}", column.unit, "", error,
+            stddev_of=name, source=f"{column.source}_stddev"),
     }
 
 
@@ -116,50 +114,43 @@ def _interval(name: str, source: str, title: str) -> dict[str, Column]:
     }
 
 
-def _by_channel(
-    name: str, source: str, title: str, unit: str, description: str, standard_name: str = "",
-    status: str = "", of: str = "",
-) -> dict[str, Column]:
+def _by_channel(name: str, array: Column, of: str = "") -> dict[str, Column]:
     """Return the columns of an array and its standard deviations, for each channel."""
-    return {
-        column: replace(described, source=f"{described.source}.{index}")
-        for index, channel in enumerate(CHANNELS)
-        for column, described in _with_stddev(
-            f"{name}_{channel}", source, f"{title}, {channel} channel{of}", unit, description,
-            standard_name, status).items()
-    }
+    found: dict[str, Column] = {}
+    for index, channel in enumerate(CHANNELS):
+        column = replace(array, title=f"{array.title}, {channel} channel{of}")
+        for each, described in _with_stddev(f"{name}_{channel}", column).items():
+            found[each] = replace(described, source=f"{described.source}.{index}")
+    return found
 
 
 def _attenuation(prefix: str, source: str, of: str) -> dict[str, Column]:
-    return _by_channel(
-        f"{prefix}attenuation", f"{source}.water.attenuation", "attenuation β", "m-1",
+    return _by_channel(f"{prefix}attenuation", _number(
+        f"{source}.water.attenuation", "attenuation β", "m-1",
         "Beam attenuation as seen by the channel of the camera (Roser et al. 2014, eq. 1)",
-        BEAM, "" if prefix else "status", of)
+        BEAM, "" if prefix else "status"), of)
 
 
 def _visibility(prefix: str, source: str, of: str) -> dict[str, Column]:
     return {
-        **_with_stddev(
-            f"{prefix}mean_attenuation", f"{source}.visibility.mean_attenuation",
-            f"mean attenuation α{of}", "m-1",
+        **_with_stddev(f"{prefix}mean_attenuation", _number(
+            f"{source}.visibility.mean_attenuation", f"mean attenuation α{of}", "m-1",
             "Attenuation beyond that of clear sea water, mean over the channels that have light "
             "(Roser et al. 2014, eq. 9)", f"{BEAM}_corrected_for_pure_water_attenuance",
-            "" if prefix else "status"),
-        **_with_stddev(
-            f"{prefix}visibility_distance", f"{source}.visibility.distance",
-            f"visibility distance{of}", "m",
+            "" if prefix else "status")),
+        **_with_stddev(f"{prefix}visibility_distance", _number(
+            f"{source}.visibility.distance", f"visibility distance{of}", "m",
             "Distance at which contrast in the clearest channel has fallen to parameter "
             "assessment.contrast, by default 5 %: "
             "ln((1 - C)/(2 C) + 1)/min β, 2.35/min β (Roser et al. 2014, eq. 11-12)",
-            status="" if prefix else "visibility_status"),
+            status="" if prefix else "visibility_status")),
         **_interval(
             f"{prefix}visibility_distance", f"{source}.visibility.distance",
             f"visibility distance{of}"),
-        **_with_stddev(
-            f"{prefix}depth", f"{source}.visibility.depth",
-            f"depth of the camera by the colour of daylight{of}", "m",
-            "Positive down (Roser et al. 2014, eq. 13-14)", "depth",
-            status="" if prefix else "depth_status"),
+        **_with_stddev(f"{prefix}depth", _number(
+            f"{source}.visibility.depth", f"depth of the camera by the colour of daylight{of}",
+            "m", "Positive down (Roser et al. 2014, eq. 13-14)", "depth",
+            "" if prefix else "depth_status")),
     }
 
 
@@ -173,10 +164,10 @@ def _derived(prefix: str, of: str) -> dict[str, Column]:
     source = f"{prefix}derived"
     found: dict[str, Column] = {}
     for name, quantity in QUANTITIES.items():
-        found |= _with_stddev(
-            f"{prefix}{name}", f"{source}.{name}", f"{quantity.title}{of}", quantity.unit,
+        found |= _with_stddev(f"{prefix}{name}", _number(
+            f"{source}.{name}", f"{quantity.title}{of}", quantity.unit,
             f"{quantity.definition}. {quantity.caveat} Source: {quantity.source}.",
-            _STANDARD_NAMES.get(name, ""), status=f"{prefix}water_type_status")
+            _STANDARD_NAMES.get(name, ""), f"{prefix}water_type_status"))
     disc = "black_disc_visibility"
     return {
         **found,
@@ -215,9 +206,9 @@ COLUMNS: dict[str, Column] = {
         "estimate.visibility.depth_status", "whether depth was assessed, or why not", Status),
     "reason": Column("text", "why the frame has no result", source="record.reason"),
     **_attenuation("", "estimate", ""),
-    **_by_channel(
-        "ambient_light", "estimate.water.ambient_light", "ambient light I∞", "1",
-        "Irradiance of open water, 1 is the largest value of a pixel", status="status"),
+    **_by_channel("ambient_light", _number(
+        "estimate.water.ambient_light", "ambient light I∞", "1",
+        "Irradiance of open water, 1 is the largest value of a pixel", status="status")),
     **_visibility("", "estimate", ""),
     "depth_precision": _number(
         "estimate.visibility.depth_precision",
@@ -251,9 +242,8 @@ COLUMNS: dict[str, Column] = {
         "estimate.matched_fraction_original", "matched part without restoration", "1"),
     "limited_fraction": _number(
         "estimate.limited_fraction", "part of the pixels whose gain was limited", "1"),
-    **_with_stddev(
-        "sensor_depth", "sensor.depth", "depth by the depth sensor", "m", "Positive down",
-        "depth"),
+    **_with_stddev("sensor_depth", _number(
+        "sensor.depth", "depth by the depth sensor", "m", "Positive down", "depth")),
     "innovation": _number("comparison.innovation", "sensor minus estimate", "m"),
     "nis": _number("comparison.nis", "squared innovation over its variance", "1"),
     "plausibility": _choice("verdict", "verdict on the depth sensor", Verdict),
@@ -267,11 +257,11 @@ COLUMNS: dict[str, Column] = {
 
 TURBIDITY = {
     name: column for prefix, of in (("", ""), ("filtered_", FILTERED))
-    for name, column in _with_stddev(
-        f"{prefix}turbidity", f"{prefix}turbidity", f"turbidity{of}", "1",
+    for name, column in _with_stddev(f"{prefix}turbidity", _number(
+        f"{prefix}turbidity", f"turbidity{of}", "1",
         "FNU of the user's own sensor, by a line fitted to it over the beam attenuation of the "
         "green channel (replay --turbidity)", "sea_water_turbidity",
-    ).items()
+    )).items()
 }
 """Columns added by a fit to a turbidity sensor."""
 
