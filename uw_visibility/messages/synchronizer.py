@@ -178,20 +178,14 @@ class Synchronizer:
 
     def _forget_before_restart(self) -> None:
         self.restarts += 1
-        for side, queue in self._waiting.items():
-            # Images older than the last pair belong to the restarted recording.
-            for stamp in [s for s in queue if self._last is not None and s > self._last]:
-                del queue[stamp]
-                self._drop(f"{side} image unmatched")
+        # Images older than the last pair belong to the restarted recording.
+        self._drop_unmatched(lambda stamp: self._last is not None and stamp > self._last)
 
     def _partner(self, side: str, stamp: int) -> int | None:
         """Return the stamp of the nearest waiting image within the tolerance."""
         tolerance = round(self.config.tolerance * 1e9)
-        stamps = self._waiting[side]
-        if tolerance == 0:
-            return stamp if stamp in stamps else None
-        nearest = min(stamps, key=lambda other: abs(other - stamp), default=None)
-        return nearest if nearest is not None and abs(nearest - stamp) <= tolerance else None
+        near = [other for other in self._waiting[side] if abs(other - stamp) <= tolerance]
+        return min(near, key=lambda other: abs(other - stamp), default=None)
 
     def _wait(self, side: str, stamp: int, image: Any) -> None:
         queue = self._waiting[side]
@@ -211,10 +205,7 @@ class Synchronizer:
         if restarted:
             self._forget_before_restart()
         self._last = stamp
-        for side, queue in self._waiting.items():
-            for other in [other for other in queue if other < stamp]:
-                del queue[other]
-                self._drop(f"{side} image unmatched")
+        self._drop_unmatched(lambda other: other < stamp)
         return restarted
 
     def _release(self, at_once: bool) -> list[SynchronizedFrame]:
@@ -248,11 +239,16 @@ class Synchronizer:
         )]
 
     def _drop_waiting(self) -> None:
-        for side, queue in self._waiting.items():
-            for _ in range(len(queue)):
-                self._drop(f"{side} image unmatched")
-            queue.clear()
+        self._drop_unmatched(lambda stamp: True)
+        for side in SIDES:
             self._drop_late(side)
+
+    def _drop_unmatched(self, dropped: Callable[[int], bool]) -> None:
+        """Drop the waiting images of some stamps."""
+        for side, queue in self._waiting.items():
+            for stamp in list(filter(dropped, queue)):
+                del queue[stamp]
+                self._drop(f"{side} image unmatched")
 
     def _drop_late(self, side: str) -> None:
         if self._late.pop(side, None) is not None:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from glob import escape
 from pathlib import Path
 from typing import Any
@@ -125,13 +125,10 @@ class BagWriter:
 
         Raises `InputError` if it cannot be written, for instance on a full disk.
         """
-        try:
-            with refusing(f"cannot write bag {self._target}"):
-                self._writer.close()
-                if self._aside is not None:
-                    self._take_place()
-        finally:
-            self._open.close()
+        with self._open, refusing(f"cannot write bag {self._target}"):
+            self._writer.close()
+            if self._aside is not None:
+                self._take_place()
 
     def __enter__(self) -> BagWriter:
         return self
@@ -140,13 +137,9 @@ class BagWriter:
         if kind is None:
             self.close()
             return
-        try:
+        # An error does not matter: the unfinished bag is removed anyway.
+        with self._open, suppress(OSError):
             self._writer.abort()
-        except OSError:
-            # The unfinished bag is removed anyway.
-            pass
-        finally:
-            self._open.close()
 
     def _take_place(self) -> None:
         try:
