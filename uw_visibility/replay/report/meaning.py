@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from uw_visibility.status import Status
 
-MEANINGS = {
+MEANINGS: dict[str, str] = {
     Status.NO_COLOUR: "The images are grey; attenuation by colour needs a colour camera.",
     Status.TOO_FEW_SUPPORT_POINTS: "Hardly anything matched: open water, blur, or turbid water.",
     Status.TOO_FEW_OBSERVATIONS: "Too few pixels with a known range.",
@@ -48,7 +48,7 @@ MEANINGS = {
     "scene.",
 }
 
-REMEDIES = {
+REMEDIES: dict[str, str] = {
     Status.NO_COLOUR: "Publish colour images: a Bayer pattern or rgb8 instead of mono8.",
     Status.TOO_FEW_SUPPORT_POINTS: "Go closer to the scene, or check focus and calibration: rows "
     "of a rectified pair must correspond.",
@@ -94,8 +94,4 @@ REMEDIES = {
 
 def meaning(status: str) -> str:
     """Return what a status means and what to do; empty where there is nothing to add."""
-    try:
-        known = Status(status)
-    except ValueError:
-        return ""
-    return f"{MEANINGS[known]} {REMEDIES[known]}" if known in MEANINGS else ""
+    return f"{MEANINGS[status]} {REMEDIES[status]}" if status in MEANINGS else ""

@@ -251,7 +251,7 @@ def _refused(summary: Summary, synopsis: Synopsis) -> Sentence:
 
 def _reason(reason: str, count: int) -> str:
     """Return a reason with its count and, of a status, the meaning."""
-    meant = {str(status): text for status, text in MEANINGS.items()}.get(reason, "")
+    meant = MEANINGS.get(reason, "")
     why = printable(reason)
     if meant:
         # The remedy is in the table.

@@ -106,16 +106,16 @@ def draw(
     narrow_height: height of the narrow drawing; by default `height`.
     Returns two SVGs, of which the page shows one. Drawings are deterministic.
     """
+    sizes = {"wide": (WIDE, height), "narrow": (NARROW, narrow_height or height)}
     return Markup("").join(
-        _draw(f"{name}-{'narrow' if narrow else 'wide'}", title, description,
-              (NARROW, narrow_height or height) if narrow else (WIDE, height), paint, narrow)
-        for narrow in (False, True)
-    )
+        _draw(f"{name}-{kind}", title, description, size, paint, kind)
+        for kind, size in sizes.items())
 
 
 def _draw(
-    name: str, title: str, description: str, size: tuple[float, float], paint: Paint, narrow: bool
+    name: str, title: str, description: str, size: tuple[float, float], paint: Paint, kind: str
 ) -> Markup:
+    narrow = kind == "narrow"
     # A fixed salt and no date make drawings deterministic.
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
         figure = Figure(figsize=size)
@@ -132,7 +132,6 @@ def _draw(
     body = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", body).replace("xlink:href", "href")
     body = body.replace("</svg>", f"{over}</svg>")
     width, height = (72.0 * inches for inches in size)
-    kind = "narrow" if narrow else "wide"
     return Markup(
         f'<svg class="plot {kind}" role="img" viewBox="0 0 {width:g} {height:g}" '
         f'aria-labelledby="{name}-title {name}-desc"><title id="{name}-title">{escape(title)}'
