@@ -183,11 +183,15 @@ def draw_frame(
     """Draw one frame: raw and enhanced image, range, and numbers."""
     ranges = rig.range_from_disparity(read_disparity(messages["disparity"]))
     words = [f"time {row['time']:.1f} s, latency {row['latency']:.0f} ms"]
-    for name in QUANTITIES:
+    for name, (label, *_) in QUANTITIES.items():
         value, stddev, truth = (
             row[field] for field in (name, f"{name}_stddev", f"true_{name}"))
-        estimate = f"{value:.3f} +- {stddev:.3f}" if math.isfinite(value) else "not assessed"
-        words.append(f"{name.replace('_', ' ')} {estimate}, truth {truth:.3f}")
+        unit = label.partition("[")[2].removesuffix("]")
+        digits = 1 if unit == "m" else 3
+        estimate = (
+            f"{value:.{digits}f} +- {stddev:.{digits}f} {unit}" if math.isfinite(value)
+            else "not assessed")
+        words.append(f"{name.replace('_', ' ')} {estimate}, truth {truth:.{digits}f}")
     words.append(
         "disparities matched {matched_before:.0%} before, {matched_after:.0%} after; correct "
         "{correct_before:.0%} before, {correct_after:.0%} after".format_map(row))
