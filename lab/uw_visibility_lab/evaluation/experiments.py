@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -109,4 +110,5 @@ def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: it
     for scene in plan.scenes:
         scene.load()
     config = replace(plan.config, threads=threads_each(jobs))
-    return Evaluation(plan, run_all(evaluate_case, plan.cases(), (config,), jobs, progress))
+    results = run_all(partial(evaluate_case, config=config), plan.cases(), jobs, progress)
+    return Evaluation(plan, results)

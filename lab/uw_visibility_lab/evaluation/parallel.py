@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from itertools import repeat
 from typing import Any
 
 import cv2
@@ -18,21 +17,16 @@ Progress = Callable[[Iterator[Any], int], Iterator[Any]]
 
 
 def run_all(
-    function: Callable[..., Any],
-    pieces: Sequence[Any],
-    arguments: tuple[Any, ...],
-    jobs: int,
-    progress: Progress,
+    function: Callable[[Any], Any], pieces: Sequence[Any], jobs: int, progress: Progress
 ) -> list[Any]:
     """Apply a function to pieces of work; the result is the same for any number of jobs.
 
-    function: takes a piece and the arguments; defined in a module, so that it can be pickled.
+    It is defined in a module, so that it can be pickled.
     """
-    each = [pieces, *(repeat(argument) for argument in arguments)]
     if jobs == 1:
-        return list(progress(map(function, *each), len(pieces)))
+        return list(progress(map(function, pieces), len(pieces)))
     with process_pool(jobs, cv2.setNumThreads, threads_each(jobs)) as pool:
-        return list(progress(pool.map(function, *each), len(pieces)))
+        return list(progress(pool.map(function, pieces), len(pieces)))
 
 
 def threads_each(jobs: int) -> int:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import cv2
 import numpy as np
@@ -137,7 +137,8 @@ def run_survey(
 
     config: parameters of the pipeline; those of the lamps are added.
     """
-    frames = run_all(render_survey_frame, range(number), (number,), jobs, progress)
+    frames = run_all(
+        partial(render_survey_frame, frames=number), range(number), jobs, progress)
     config = PipelineConfig.from_parameters({
         **config.to_parameters(),
         **lighting_parameters(LIGHTING.lamps, daylight=False),

@@ -7,6 +7,7 @@ from __future__ import annotations
 import io
 import zipfile
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -92,8 +93,8 @@ def draw_all(
     """
     places = scenes_of(pool)
     blocks = [range(at, min(at + BLOCK, number)) for at in range(0, number, BLOCK)]
-    rows = [row for block in run_all(_draw_block, blocks, (places, seed, lamps), jobs, progress)
-            for row in block]
+    draw_block = partial(_draw_block, places=places, seed=seed, share=lamps)
+    rows = [row for block in run_all(draw_block, blocks, jobs, progress) for row in block]
     if len(rows) < 0.5 * number:
         raise InputError(
             f"{number - len(rows)} of {number} views of {pool} show too little: check the scenes")

@@ -64,12 +64,10 @@ def fournier_forand(angle: ArrayLike) -> Array:
 @lru_cache(maxsize=4)
 def phase_table(name: str) -> Array:
     """Return a phase function over 0 .. π rad, at equal steps, shape (`ENTRIES`,)."""
-    angles = np.linspace(0.0, math.pi, ENTRIES)
-    if name == HENYEY_GREENSTEIN:
-        table = henyey_greenstein(angles)
-    elif name == FOURNIER_FORAND:
-        table = fournier_forand(np.maximum(angles, _SMALLEST))
-    else:
+    if name not in PHASE_FUNCTIONS:
         raise InputError(f"no phase function {name!r}: give one of {', '.join(PHASE_FUNCTIONS)}")
+    angles = np.linspace(0.0, math.pi, ENTRIES)
+    table = henyey_greenstein(angles) if name == HENYEY_GREENSTEIN else (
+        fournier_forand(np.maximum(angles, _SMALLEST)))
     table.flags.writeable = False
     return table

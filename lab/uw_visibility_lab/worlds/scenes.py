@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import cv2
@@ -555,8 +555,8 @@ def make_pool(
     shares = [range(first, count, jobs) for first in range(jobs)]
     with refusing(f"cannot write a pool to {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
-        run_all(
-            _make_scenes, shares, (seed, folder, textures, size), jobs, lambda done, _: done)
+        make = partial(_make_scenes, seed=seed, folder=folder, textures=textures, size=size)
+        run_all(make, shares, jobs, lambda done, _: done)
 
 
 def _make_scenes(
