@@ -171,7 +171,8 @@ def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Writt
 def _run_survey(arguments: argparse.Namespace, progress: Progress) -> Written:
     if arguments.datasets:
         raise InputError("--lamps renders its own ground: leave out the DATASET")
-    from uw_visibility_lab.evaluation import survey, survey_report
+    from uw_visibility_lab.evaluation import report, survey
+    from uw_visibility_lab.evaluation.figures import draw_survey
 
     frames = QUICK_SURVEY if arguments.quick else survey.FRAMES
     if arguments.frames is not None:
@@ -179,10 +180,13 @@ def _run_survey(arguments: argparse.Namespace, progress: Progress) -> Written:
     check_range("number of frames of the survey", frames, survey.FEWEST_FRAMES, 10_000)
     config = read_config(arguments.params_file, {})
     found = survey.run_survey(frames, config, arguments.jobs, progress)
-    summary = survey_report.summarise_survey(found)
-    return (
-        lambda folder: survey_report.write_survey(folder, config, found, summary),
-        survey_report.survey_text(found, summary))
+    summary = report.summarise_survey(found)
+
+    def write(folder: Path) -> None:
+        report.write_survey(folder, config, found, summary)
+        draw_survey(folder / "survey.png", found)
+
+    return write, report.survey_text(found, summary)
 
 
 def read_config(path: Path | None, defaults: dict[str, Any]) -> PipelineConfig:

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of the evaluation: the paper's, and the reliability of the matcher's confidence."""
+"""Figures of the evaluation: the paper's, reliability of confidence, and the survey's."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from uw_visibility.optics.light_model import transmission, veil_of
+from uw_visibility.optics.transfer import from_linear
 from uw_visibility_lab.evaluation.cases import IMAGES, MATCHES, CaseResult, Pictures
 from uw_visibility_lab.evaluation.degrade import title_of
 from uw_visibility_lab.evaluation.experiments import Evaluation
@@ -20,6 +21,7 @@ from uw_visibility_lab.evaluation.style import (
     CHANNEL_COLOURS,
     DISPARITY_COLOURS,
     IMAGE_STYLES,
+    INPUT,
     MATCH_STYLES,
     OURS,
     READING_STYLES,
@@ -27,6 +29,7 @@ from uw_visibility_lab.evaluation.style import (
     Style,
     save,
 )
+from uw_visibility_lab.evaluation.survey import PICTURES, SurveyResult
 from uw_visibility_lab.evaluation.tables import CHANNELS, grouped
 
 ROW_HEIGHT = 2.7
@@ -341,3 +344,45 @@ def _draw_points(axes: Any, pictures: Pictures, channel: int) -> None:
         )
         # Opaque points for the legend.
         axes.plot([], [], ".", color=colour, label=label)
+
+
+def draw_survey(path: Path, survey: SurveyResult) -> None:
+    """Draw frames of a survey by each method, and attenuation over its frames."""
+    columns, rows = len(PICTURES), len(survey.shown)
+    figure = Figure(figsize=(2.6 * columns, 2.1 * rows + 3.0), layout="constrained")
+    upper, lower = figure.subfigures(2, 1, height_ratios=(2.1 * rows + 0.6, 2.4))
+    grid = upper.subplots(rows, columns, squeeze=False)
+    for k, pictures in enumerate(survey.shown):
+        for axes, (name, title) in zip(grid[k], PICTURES.items(), strict=True):
+            axes.imshow(from_linear(np.clip(pictures[name], 0.0, 1.0), "srgb", np.uint8))
+            axes.set_axis_off()
+            if k == 0:
+                variation = ", ".join(f"{100.0 * v:.0f}" for v in survey.variation[name])
+                axes.set_title(
+                    f"{title}\nσ/median {variation} %, ΔE*ab {survey.difference[name]:.1f}",
+                    fontsize=9)
+    axes = lower.subplots()
+    frames = np.arange(len(survey.pooled))
+    for c, name in enumerate(CHANNELS):
+        value, sigma = (
+            np.array([getattr(reading, field)[c] for reading in survey.pooled])
+            for field in ("attenuation", "attenuation_stddev")
+        )
+        colour = CHANNEL_COLOURS[name]
+        axes.fill_between(
+            frames, value - sigma, value + sigma, color=colour, alpha=0.15, linewidth=0.0)
+        axes.plot(frames, value, color=colour, label=f"{name}, with earlier frames")
+        axes.axhline(survey.truth.attenuation[c], color=colour, linestyle="--")
+        axes.plot(
+            frames, [reading.attenuation[c] for reading in survey.single], ".", color=colour,
+            alpha=0.4)
+    axes.set_ylim(0.0, 2.0 * max(survey.truth.attenuation))
+    axes.set_xlabel("frame")
+    axes.set_ylabel("β [1/m], ± 1 σ")
+    axes.plot([], [], ".", color=INPUT, label="single frames")
+    axes.plot([], [], "--", color=INPUT, label="truth")
+    lower.legend(
+        *axes.get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False,
+        fontsize=8)
+    axes.grid(alpha=0.25)
+    save(figure, path)

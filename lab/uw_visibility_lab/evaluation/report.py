@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Summary and report of the experiments: tables, `evaluation.json`, and text for the terminal."""
+"""Reports of the experiments and of a survey: tables, `evaluation.json`, and text."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from uw_visibility.config.schema import PipelineConfig
 from uw_visibility_lab.evaluation.cases import IMAGES, MATCHES, READINGS, CaseResult
 from uw_visibility_lab.evaluation.degrade import title_of
 from uw_visibility_lab.evaluation.experiments import Evaluation
 from uw_visibility_lab.evaluation.judging import HEAD, line_of, row_of
-from uw_visibility_lab.evaluation.readings import judged, reasons_text
+from uw_visibility_lab.evaluation.readings import OK, judged, reasons_text
+from uw_visibility_lab.evaluation.survey import LAMPS, MEAN_ATTENUATION, PICTURES, SurveyResult
 from uw_visibility_lab.evaluation.tables import (
+    CHANNELS,
     as_text,
     flat,
     grouped,
@@ -123,3 +126,60 @@ def summary_text(evaluation: Evaluation, summary: Summary) -> str:
             [words, *(number(value, digits) for value in each[kind].values())]
             for words, each in conditions]) for title, kind, digits in CONDITIONS),
     ])
+
+
+def summarise_survey(survey: SurveyResult) -> Summary:
+    """Return a survey's results, of single frames and of the filter over them (``pooled``).
+
+    ``first_assessed``: number of frames until there is an estimate. ``attenuation_error``:
+    relative, after the last frame. ``variation``, ``colour_difference``: by names of `PICTURES`.
+    """
+    truth, last = survey.truth, survey.pooled[-1]
+    errors = np.array(last.attenuation) / np.array(truth.attenuation) - 1.0
+    first = next((k + 1 for k, each in enumerate(survey.pooled) if each.status == OK), None)
+    return {
+        "frames": len(survey.pooled),
+        "single": row_of([judged(truth, reading) for reading in survey.single]),
+        "pooled": row_of([judged(truth, reading) for reading in survey.pooled]),
+        "first_assessed": first,
+        "last_status": last.status,
+        "attenuation": dict(zip(CHANNELS, truth.attenuation, strict=True)),
+        "attenuation_error": dict(zip(CHANNELS, errors.tolist(), strict=True)),
+        "variation": {
+            name: dict(zip(CHANNELS, survey.variation[name].tolist(), strict=True))
+            for name in PICTURES
+        },
+        "colour_difference": {name: survey.difference[name] for name in PICTURES},
+    }
+
+
+def survey_text(survey: SurveyResult, summary: Summary) -> str:
+    """Return the summary as tables for a terminal."""
+    errors = ", ".join(
+        f"{name} {100 * error:+.0f} %" for name, error in summary["attenuation_error"].items())
+    return "\n".join([
+        f"survey of {summary['frames']} frames at night\n",
+        HEAD,
+        line_of("single frames", summary["single"]),
+        line_of("with earlier frames", summary["pooled"]),
+        *reasons_text("refused", survey.pooled),
+        f"  error of β at the end: {errors} ({summary['last_status']})",
+        as_text(["same reflectance over frames, σ/median [%]", "R", "G", "B", "ΔE*ab"], [
+            [title, *(number(100.0 * summary["variation"][name][c], 1) for c in CHANNELS),
+             number(summary["colour_difference"][name], 1)]
+            for name, title in PICTURES.items()]),
+    ])
+
+
+def write_survey(
+    folder: Path, config: PipelineConfig, survey: SurveyResult, summary: Summary
+) -> None:
+    """Write ``survey.csv`` and ``evaluation.json``."""
+    frames = [
+        flat({"frame": k, "true": survey.truth, "single": single, "pooled": pooled})
+        for k, (single, pooled) in enumerate(zip(survey.single, survey.pooled, strict=True))]
+    settings = {
+        "frames": len(frames), "lamps": LAMPS, "mean_attenuation": MEAN_ATTENUATION,
+        "parameters": told(config)}
+    write_report(
+        folder, {"survey": frames}, {"settings": settings, "summary": summary, "survey": frames})
