@@ -14,7 +14,7 @@ from scenes import water_view
 from uw_visibility import StereoRig, estimate_water
 from uw_visibility.pipeline.coincidence import show_one_scene
 from uw_visibility.status import Status
-from uw_visibility_lab.evaluation.scenes import SceneSource
+from uw_visibility_lab.evaluation.scenes import load_source
 
 CLEAR = np.array([0.228, 0.066, 0.025])
 
@@ -22,7 +22,7 @@ CLEAR = np.array([0.228, 0.066, 0.025])
 @pytest.fixture(scope="module", params=[0, 1, 2])
 def rendered(request: pytest.FixtureRequest) -> tuple[Any, Any, StereoRig]:
     """Image of a reef through turbid water, its disparities and its rig."""
-    scene = SceneSource(seed=request.param).load()
+    scene = load_source(request.param)
     return scene.degraded(0.2, 2.0, CLEAR)[0], scene.disparity_left, scene.rig
 
 

@@ -11,13 +11,13 @@ import pytest
 from uw_visibility import PipelineConfig, StereoRig, estimate_water
 from uw_visibility.errors import InputError
 from uw_visibility.status import Status
-from uw_visibility_lab.evaluation.scenes import SceneSource
+from uw_visibility_lab.evaluation.scenes import load_source
 
 
 @pytest.fixture(scope="module")
 def rendered():
     """Return a rendered reef, seen through turbid water, and its rig."""
-    scene = SceneSource(seed=0).load()
+    scene = load_source(0)
     rig = scene.rig
     clear = np.array([0.228, 0.066, 0.025])
     left, _ = scene.degraded(0.2, 2.0, clear)

@@ -8,13 +8,13 @@ import numpy as np
 
 from uw_visibility import estimate_water, match
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility_lab.evaluation.scenes import SceneSource
+from uw_visibility_lab.evaluation.scenes import load_source
 
 CLEAR = np.array([0.228, 0.066, 0.025])
 
 
 def test_a_pair_is_matched_and_its_water_read():
-    scene = SceneSource(seed=0).load()
+    scene = load_source(0)
     left, right = scene.degraded(0.2, 2.0, CLEAR)
     rig = scene.rig
     stereo = match(left, right, rig, PipelineConfig.from_parameters({"stereo.max_disparity": 96}))

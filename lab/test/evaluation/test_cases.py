@@ -17,7 +17,6 @@ from uw_visibility_lab.evaluation.cases import READINGS, Case, evaluate_case
 from uw_visibility_lab.evaluation.experiments import Evaluation, Plan
 from uw_visibility_lab.evaluation.figures import write_figures
 from uw_visibility_lab.evaluation.report import summarise, summary_text, write_evaluation
-from uw_visibility_lab.evaluation.scenes import SceneSource
 
 
 @pytest.fixture(scope="module")
@@ -28,10 +27,9 @@ def refused(tmp_path_factory):
     for name in ("view1", "view5"):
         cv2.imwrite(str(folder / f"{name}.png"), np.full((120, 160, 3), (50, 90, 130), np.uint8))
     cv2.imwrite(str(folder / "disp1.png"), np.full((120, 160), 90, np.uint8))
-    source = SceneSource(folder)
     case = evaluate_case(
-        Case(source, 0.2, 2.0, pictures=True, thumbnails=True), PipelineConfig())
-    plan = Plan([source], attenuations=(0.2,), depths=(2.0,))
+        Case(folder, 0.2, 2.0, pictures=True, thumbnails=True), PipelineConfig())
+    plan = Plan([folder], attenuations=(0.2,), depths=(2.0,))
     return Evaluation(plan, [case])
 
 

@@ -25,7 +25,6 @@ from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility_lab.evaluation.baselines import semi_global_matching
 from uw_visibility_lab.evaluation.degrade import load_scene
 from uw_visibility_lab.evaluation.experiments import Plan
-from uw_visibility_lab.evaluation.scenes import SceneSource
 from uw_visibility_lab.evaluation.style import save
 from uw_visibility_lab.simulation.camera import Sensor
 
@@ -211,11 +210,11 @@ def test_figures_for_print_are_the_same_each_time(tmp_path, file_format, begins)
                                     {"attenuations": (0.1, float("nan"))}])
 def test_a_grid_that_is_no_water_is_refused(values):
     with pytest.raises(InputError, match="give numbers between"):
-        Plan([SceneSource()], **values)
+        Plan([0], **values)
 
 
 def test_figures_show_the_water_nearest_to_the_papers():
-    plan = Plan([SceneSource()], attenuations=(0.3, 0.0, 0.15), depths=(5.0, 1.0))
+    plan = Plan([0], attenuations=(0.3, 0.0, 0.15), depths=(5.0, 1.0))
     assert plan.attenuations == (0.0, 0.15, 0.3)
     assert plan.shown == (0.15, 1.0)
     assert [case.pictures for case in plan.cases()] == [False, False, True, False, False, False]

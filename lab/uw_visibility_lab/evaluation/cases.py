@@ -38,7 +38,7 @@ from uw_visibility_lab.evaluation import baselines, metrics
 from uw_visibility_lab.evaluation.degrade import QUIET, fill_from_background, sensor_of
 from uw_visibility_lab.evaluation.fits import fit_plain
 from uw_visibility_lab.evaluation.readings import Reading, Truth
-from uw_visibility_lab.evaluation.scenes import SceneSource, search_limit, tolerance
+from uw_visibility_lab.evaluation.scenes import Source, load_source, search_limit, tolerance
 from uw_visibility_lab.evaluation.tables import flat
 
 READINGS = {
@@ -77,7 +77,7 @@ THUMBNAIL_WIDTH = 240
 class Case:
     """A scene and its water."""
 
-    source: SceneSource  # the scene
+    source: Source  # the scene
     mean_attenuation: float  # α, 1/m
     depth: float  # z, m
     pictures: bool = False  # whether to return images and envelopes, too, for figures
@@ -137,7 +137,7 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
 
     If `stereo.max_disparity` is 0, all matchers search up to the scene's `search_limit`.
     """
-    scene, (pipeline, assessor) = case.source.load(), _prepared(case.source, config)
+    scene, (pipeline, assessor) = load_source(case.source), _prepared(case.source, config)
     config, kappa = pipeline.config, assessor.clear_water_attenuation
     beta = kappa + case.mean_attenuation
     truth = Truth.of_water(
@@ -221,9 +221,9 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
 
 
 @lru_cache(maxsize=1)
-def _prepared(source: SceneSource, config: PipelineConfig) -> tuple[Pipeline, Assessor]:
+def _prepared(source: Source, config: PipelineConfig) -> tuple[Pipeline, Assessor]:
     """Return the pipeline for all cases of a scene, and the assessor for other estimates."""
-    scene = source.load()
+    scene = load_source(source)
     largest = config.stereo.max_disparity or search_limit(scene) - 1
     stereo = replace(config.stereo, max_disparity=largest)
     config = replace(config, stereo=stereo)

@@ -21,7 +21,7 @@ from uw_visibility_lab.evaluation.cases import Case, CaseResult, evaluate_case
 from uw_visibility_lab.evaluation.degrade import QUIET, sensor_of
 from uw_visibility_lab.evaluation.metrics import reliability_rows
 from uw_visibility_lab.evaluation.parallel import Progress, run_all, threads_each
-from uw_visibility_lab.evaluation.scenes import SceneSource
+from uw_visibility_lab.evaluation.scenes import Source, load_source
 from uw_visibility_lab.evaluation.tables import grouped
 from uw_visibility_lab.simulation.camera import NOISELESS
 
@@ -43,7 +43,7 @@ LARGEST_DEPTH = 100.0
 class Plan:
     """Plan of an evaluation: scenes and grid of waters."""
 
-    scenes: Sequence[SceneSource]  # scenes of the grid
+    scenes: Sequence[Source]  # scenes of the grid
     attenuations: tuple[float, ...] = ATTENUATIONS  # α, 1/m, rising
     depths: tuple[float, ...] = DEPTHS  # z, m, rising
     # parameters of the pipeline, except its threads. By default the paper's model, in which one
@@ -107,8 +107,9 @@ class Evaluation:
 
 def evaluate(plan: Plan, jobs: int = 1, progress: Progress = lambda items, _: items) -> Evaluation:
     """Run the cases of a plan; the result is the same for any number of jobs."""
+    # A scene that cannot be loaded is reported before the work begins.
     for scene in plan.scenes:
-        scene.load()
+        load_source(scene)
     config = replace(plan.config, threads=threads_each(jobs))
     results = run_all(partial(evaluate_case, config=config), plan.cases(), jobs, progress)
     return Evaluation(plan, results)

@@ -98,7 +98,7 @@ def write_evaluation(folder: Path, evaluation: Evaluation, summary: Summary) -> 
     plan = evaluation.plan
     settings = {
         "scenes": [
-            f"rendered, seed {source.seed}" if source.folder is None else source.folder.name
+            f"rendered, seed {source}" if isinstance(source, int) else source.name
             for source in plan.scenes],
         "attenuations": plan.attenuations,
         "depths": plan.depths,

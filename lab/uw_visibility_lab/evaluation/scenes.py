@@ -5,9 +5,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -31,30 +31,23 @@ ALTITUDE = 1.6
 TILT = np.radians(30.0)
 
 
-@dataclass(frozen=True)
-class SceneSource:
-    """Source of a scene; small, so that processes can exchange it."""
-
-    folder: Path | None = None  # folder of a Middlebury-like scene
-    seed: int = 0  # seed of the rendered scene, if there is no folder
-
-    def load(self) -> Scene:
-        """Load or render the scene; the last one is kept."""
-        return _load(self)
+Source: TypeAlias = Path | int
+"""Folder of a Middlebury-like scene, or seed of a rendered one."""
 
 
 @lru_cache(maxsize=1)
-def _load(source: SceneSource) -> Scene:
-    return render_scene(source.seed) if source.folder is None else load_scene(source.folder)
+def load_source(source: Source) -> Scene:
+    """Load or render a scene; the last one is kept."""
+    return render_scene(source) if isinstance(source, int) else load_scene(source)
 
 
-def find_scenes(datasets: Sequence[Path]) -> list[SceneSource]:
+def find_scenes(datasets: Sequence[Path]) -> Sequence[Source]:
     """Find the scenes of datasets: folders of a scene, or of scenes, which are sorted by name.
 
     Without datasets, the scenes are rendered.
     """
     if not datasets:
-        return [SceneSource(seed=seed) for seed in RENDERED_SEEDS]
+        return RENDERED_SEEDS
     folders: list[Path] = []
     for dataset in datasets:
         folders += _scene_folders(dataset)
@@ -64,7 +57,7 @@ def find_scenes(datasets: Sequence[Path]) -> list[SceneSource]:
             raise InputError(
                 f"two scenes are named {name}: rename one, tables tell them apart by name"
             )
-    return [SceneSource(folder.resolve()) for folder in folders]
+    return [folder.resolve() for folder in folders]
 
 
 def search_limit(scene: Scene) -> int:
