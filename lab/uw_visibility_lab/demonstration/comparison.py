@@ -24,7 +24,6 @@ from uw_visibility_lab.demonstration.client import Answer
 from uw_visibility_lab.evaluation.metrics import correct_fraction, matched_fraction
 from uw_visibility_lab.evaluation.style import OURS, TRUTH_STYLE, save
 from uw_visibility_lab.evaluation.tables import as_csv
-from uw_visibility_lab.simulation.frame import RenderedFrame
 
 NAN = math.nan
 
@@ -54,13 +53,6 @@ class Truth(NamedTuple):
     mean_attenuation: float
     depth: float
     disparity: DisparityMap  # of the left image
-
-    @classmethod
-    def of(cls, time: float, frame: RenderedFrame) -> Truth:
-        """Return the parts of a frame for the comparison."""
-        return cls(
-            time, frame.left, frame.right, frame.attenuation, frame.mean_attenuation, frame.depth,
-            frame.disparity_left)
 
 
 def compare(frame: Truth, answer: Answer, before: DisparityMap) -> Row:

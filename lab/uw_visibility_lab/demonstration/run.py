@@ -66,7 +66,10 @@ def demonstrate(folder: Path, transect: Transect, *, force: bool = False) -> dic
     truths: list[Truth] = []
 
     def keep(rendered: TransectFrame) -> TransectFrame:
-        truths.append(Truth.of(*rendered))
+        time, frame = rendered
+        truths.append(Truth(
+            time, frame.left, frame.right, frame.attenuation, frame.mean_attenuation, frame.depth,
+            frame.disparity_left))
         return rendered
 
     isolate()

@@ -21,17 +21,17 @@ from uw_visibility_lab.worlds.draw import draw
 from uw_visibility_lab.worlds.scenes import load_scene
 from uw_visibility_lab.worlds.scenes import pool as scenes_of
 
-VIEWS = 2000
+VIEWS, SEED = 2000, 2
 # Least part of water in blocks that count as open water.
 MOSTLY = 0.8
 
 
-def examples(pool: Path, views: int, seed: int) -> tuple[Array, Array]:
+def examples(pool: Path, views: int) -> tuple[Array, Array]:
     """Features (N, 3), the first is 1, and whether blocks taken for water mostly are so, (N,)."""
     places = scenes_of(pool)
     features, truth = [], []
     for index in range(views):
-        rng = np.random.default_rng((seed, index))
+        rng = np.random.default_rng((SEED, index))
         view = draw(rng, load_scene(places[int(rng.integers(len(places)))]))
         blocks = blocks_of(view)
         shown = appearance_of(blocks.light)
@@ -58,7 +58,7 @@ def main() -> None:
     if not 2 <= len(sys.argv) <= 3:
         sys.exit("give a folder of scenes (see python -m uw_visibility_lab.worlds) [and views]")
     features, truth = examples(
-        Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) == 3 else VIEWS, seed=2)
+        Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) == 3 else VIEWS)
     found = fit(features, truth)
     right = np.mean((features @ found > 0.0) == truth)
     print(

@@ -28,7 +28,7 @@ from uw_visibility_lab.simulation.lamps import Lamp, Lighting
 from uw_visibility_lab.simulation.noise import value_noise
 from uw_visibility_lab.simulation.scene import Scene
 from uw_visibility_lab.simulation.view import View, look
-from uw_visibility_lab.simulation.water import CLEAR_WATER, EXPOSED, Water
+from uw_visibility_lab.simulation.water import CLEAR_WATER, Water
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ class Renderer:
         light = [self._light(*each, source) for each in zip(views, seen, strict=True)]
         exposure = 1.0
         if self.lighting.lamps:
-            exposure = exposure_for(light[0], EXPOSED) if water.exposure is None else water.exposure
+            exposure = exposure_for(light[0]) if water.exposure is None else water.exposure
         if self.effects.marine_snow > 0.0:
             self._add_snow(light, views, seen, source, seed)
         return [irradiance * np.float32(exposure) for irradiance in light], exposure
@@ -159,7 +159,7 @@ class Renderer:
         )
         view = look(scene, small, pose, self.workers)
         light = self._light(view, self.lighting.lamps, replace(water, exposure=1.0))
-        return exposure_for(light, EXPOSED)
+        return exposure_for(light)
 
     def _light(self, view: View, lamps: Sequence[Lamp], water: Water) -> Map:
         """Return the irradiance of an image by daylight and lamps."""

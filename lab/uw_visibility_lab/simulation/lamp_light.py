@@ -34,13 +34,10 @@ from uw_visibility_lab.simulation.formation import blur_by_range
 from uw_visibility_lab.simulation.lamps import Lamp, Lighting
 from uw_visibility_lab.simulation.phase_functions import phase_table
 from uw_visibility_lab.simulation.view import View
-from uw_visibility_lab.simulation.water import Water
+from uw_visibility_lab.simulation.water import EXPOSED, Water
 
 NEAREST = 0.01
 """Least distance of a lamp from a camera in m; at 0 the scattered light is infinite."""
-
-BRIGHT = 99.0
-"""Percentile of an image by which automatic exposure is set."""
 
 # Surfaces nearer to a lamp are lit as at this distance, m.
 _NEAREST_SURFACE = 0.02
@@ -184,7 +181,7 @@ def form_lamp_image(
     return direct + veil
 
 
-def exposure_for(irradiance: Map, exposed: float) -> float:
-    """Gain that brings the 99th percentile of the pixels' brightest channel to `exposed`."""
-    bright = float(np.percentile(irradiance.max(axis=2), BRIGHT))
-    return exposed / bright if bright > 0.0 else 1.0
+def exposure_for(irradiance: Map) -> float:
+    """Gain that brings the 99th percentile of the pixels' brightest channel to `EXPOSED`."""
+    bright = float(np.percentile(irradiance.max(axis=2), 99.0))
+    return EXPOSED / bright if bright > 0.0 else 1.0

@@ -83,7 +83,7 @@ def look(
     size, rotation = (camera.height, camera.width), pose.rotation()
     eye = np.array(pose.position) + right * camera.baseline * rotation[:, 0]
     bounds = scene.shapes[:, [1, 2, 3, 16]]
-    tiles = assign_to_tiles(bounds, camera, eye, rotation, MAX_RANGE)
+    tiles = assign_to_tiles(bounds, camera, eye, rotation)
     optics = np.array([camera.focal_length, *camera.principal_point])
 
     def cast(rows: Array, columns: Array) -> tuple[Map, NDArray[np.int32], Map]:
@@ -161,18 +161,12 @@ class Tiles(NamedTuple):
     shapes: NDArray[np.int32]  # (n,); indices of shapes
 
 
-def assign_to_tiles(
-    bounds: Array,
-    camera: StereoCamera,
-    eye: Array,
-    rotation: Array,
-    limit: float,
-) -> Tiles:
+def assign_to_tiles(bounds: Array, camera: StereoCamera, eye: Array, rotation: Array) -> Tiles:
     """List the shapes of each tile: those whose bounding sphere (n, 4) may be visible in it."""
     offset = bounds[:, :3] - eye
     radius = bounds[:, 3]
     x, y, z = (offset @ rotation).T
-    seen = (z > -radius) & (np.linalg.norm(offset, axis=1) - radius < limit)
+    seen = (z > -radius) & (np.linalg.norm(offset, axis=1) - radius < MAX_RANGE)
     index = np.flatnonzero(seen)
     x, y, z, radius = x[index], y[index], z[index], radius[index]
     near, far = np.maximum(z - radius, 1e-3), z + radius

@@ -278,8 +278,7 @@ class _Builder:
         """Draw the ground: fractal relief on a slope, with a wall or a canyon."""
         rng = self.rng
         self.extent = 12.0
-        relief = draw(rng, "procedural.relief") * _fractal(
-            rng, _RELIEF, draw(rng, "procedural.hurst"))
+        relief = draw(rng, "procedural.relief") * _fractal(rng, draw(rng, "procedural.hurst"))
         self.slope = 0.0 if happens(rng, "procedural.flat") else draw(rng, "procedural.slope")
         axis = (np.arange(_RELIEF) + 0.5) / _RELIEF * self.extent
         # The grid begins at the camera's place and is periodic: the second half lies behind.
@@ -432,8 +431,9 @@ def _step(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(part * part * (3.0 - 2.0 * part))
 
 
-def _fractal(rng: np.random.Generator, side: int, hurst: float) -> NDArray[np.float64]:
-    """Periodic fractal surface (side, side) of standard deviation 1, spectrum f^−(2H + 2)."""
+def _fractal(rng: np.random.Generator, hurst: float) -> NDArray[np.float64]:
+    """Periodic fractal surface of standard deviation 1, spectrum f^−(2H + 2)."""
+    side = _RELIEF
     frequency = np.hypot(np.fft.fftfreq(side)[:, np.newaxis], np.fft.rfftfreq(side)[np.newaxis])
     frequency[0, 0] = 1.0
     # The longest waves are a third of the grid: longer ones would make the scene a mere slope.
