@@ -39,7 +39,7 @@ class Column:
     stddev_of: str = ""  # column of which this is the standard deviation
     status: str = ""  # column with the reason for a missing value
     # path of the value, as in ``"estimate.water.attenuation.0"``: from an attribute of a
-    # `JoinedFrame`, or from values that `recorder.row_of` adds
+    # `JoinedFrame`, or from values that the recorder adds
     source: str = ""
 
     def meaning(self, choice: str) -> str:

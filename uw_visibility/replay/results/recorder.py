@@ -26,7 +26,6 @@ from uw_visibility.replay.frame_log import NAME as LOG
 from uw_visibility.replay.frame_log import line_of
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.topics import COMPRESSED, Selection
-from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.records import FrameEstimate, JoinedFrame
 from uw_visibility.replay.results.folder import MESSAGES, TABLE
 from uw_visibility.replay.results.provenance import texts_of
@@ -47,26 +46,6 @@ def columns_of(options: ReplayOptions) -> dict[str, Column]:
         **{join.column: joined_column(str(join), k, join.unit)
            for k, join in enumerate(options.joins)},
     }
-
-
-def row_of(
-    columns: Mapping[str, Column], joined: JoinedFrame, model: DerivedModel,
-    turbidity: LineFit | None = None,
-) -> dict[str, str]:
-    """Return a frame as a row of the table, and derive its quantities; unknown cells are empty."""
-    estimate = joined.record.estimate
-    joined.derived = None if estimate is None else model.derive(estimate.water)
-    if joined.filtered is not None:
-        joined.filtered_derived = model.derive(joined.filtered.water)
-    sources = {**vars(joined), "estimate": estimate}
-    for prefix in ("", "filtered_"):
-        derived = sources[f"{prefix}derived"]
-        if turbidity is not None:
-            sources[f"{prefix}turbidity"], sources[f"{prefix}turbidity_stddev"] = (
-                (math.nan, math.nan) if derived is None else turbidity.predict(
-                    derived.beam_attenuation, derived.beam_attenuation_stddev))
-    row = {name: column.text(sources) for name, column in columns.items()}
-    return row if estimate is not None else {**row, "status": FAILED}
 
 
 def frame_topics(options: ReplayOptions) -> list[str]:
@@ -164,7 +143,7 @@ class FrameRecorder:
 
     def write_row(self, joined: JoinedFrame) -> None:
         """Write a completed row, and messages of its comparison with the sensor."""
-        self._table.write(row_of(self.columns, joined, self._model, self._options.turbidity))
+        self._table.write(self._row(joined))
         make, time = self._bag.make, joined.record.time
         if joined.comparison is not None:
             frame = self._options.node.depth_frame
@@ -192,9 +171,23 @@ class FrameRecorder:
         (made / "metadata.yaml").unlink()
         made.rmdir()
 
-    def _write_filtered(
-        self, estimate: FrameEstimate, filtered: FilteredWater, time: int
-    ) -> None:
+    def _row(self, joined: JoinedFrame) -> dict[str, str]:
+        """Derive a frame's quantities, and return its row of the table; unknown cells are empty."""
+        estimate, turbidity = joined.record.estimate, self._options.turbidity
+        joined.derived = None if estimate is None else self._model.derive(estimate.water)
+        if joined.filtered is not None:
+            joined.filtered_derived = self._model.derive(joined.filtered.water)
+        sources = {**vars(joined), "estimate": estimate}
+        for prefix in ("", "filtered_"):
+            derived = sources[f"{prefix}derived"]
+            if turbidity is not None:
+                sources[f"{prefix}turbidity"], sources[f"{prefix}turbidity_stddev"] = (
+                    (math.nan, math.nan) if derived is None else turbidity.predict(
+                        derived.beam_attenuation, derived.beam_attenuation_stddev))
+        row = {name: column.text(sources) for name, column in self.columns.items()}
+        return row if estimate is not None else {**row, "status": FAILED}
+
+    def _write_filtered(self, estimate: FrameEstimate, filtered: FilteredWater, time: int) -> None:
         source = Estimate(
             self._bag.make, estimate.header, filtered.water, filtered.visibility,
             estimate.field_of_view, self._options.node,
