@@ -164,6 +164,13 @@ class WaterEstimate:
             channel_status=(reason, reason, reason), envelope=envelope)
 
 
+def one_sigma(values: Array, weight: Array) -> Array:
+    """16, 50 and 84 % of values, (D,), whose weights sum to 1."""
+    order = np.argsort(values, kind="stable")
+    reached = np.cumsum(weight[order]) - 0.5 * weight[order]
+    return np.interp(ONE_SIGMA, reached, values[order])
+
+
 def overall_status(channels: Sequence[Status]) -> Status:
     """Status of an estimate from those of its channels.
 
@@ -189,6 +196,11 @@ def of_channels(
         "status": overall_status(status), "channel_status": tuple(status),
         "attenuation": attenuation, "ambient_light": ambient_light,
         "covariance": covariance}
+
+
+def passed(status: Sequence[Status]) -> Mask:
+    """(3,) bool: channels that are not refused."""
+    return np.array([reason is Status.OK for reason in status])
 
 
 def refuse(status: list[Status], reason: Status) -> list[Status]:

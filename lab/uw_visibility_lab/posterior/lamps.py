@@ -24,7 +24,6 @@ from uw_visibility.compute.threads import Workers, use_one_thread
 from uw_visibility.config.lighting import LightingConfig
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.arrays import Array
-from uw_visibility.water.estimate import ONE_SIGMA
 from uw_visibility.water.lamps.nodes import Nodes
 from uw_visibility.water.lamps.posterior import FITTED, Fitted, infer
 from uw_visibility_lab.posterior.cases import by_lamps
@@ -98,7 +97,7 @@ def observe(case: LampCase) -> Night | None:
 def score(fitted: Fitted, night: Night) -> float:
     """Logarithm of the posterior's density at the true ln β of the clearest channel."""
     found = infer(
-        [night.nodes], night.lighting, night.clear_water, np.ones(3, np.bool_), ONE_SIGMA, fitted)
+        [night.nodes], night.lighting, night.clear_water, np.ones(3, np.bool_), fitted)
     if found is None:
         return math.nan
     best = int(np.argmin(night.attenuation))

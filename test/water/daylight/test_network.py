@@ -100,7 +100,7 @@ def test_the_clearest_channel_tells_the_distance() -> None:
     posterior = Posterior(
         np.zeros((3, 3)), np.eye(9), draws, np.full(len(draws), 1.0 / len(draws)))
     seen = np.array((True, True, False))
-    low, middle, high = posterior.clearest(seen, np.array((0.16, 0.5, 0.84)))
+    low, middle, high = posterior.clearest(seen)
     assert middle == pytest.approx(2.0, abs=0.02)
     assert high - low == pytest.approx(0.2 * (norm.ppf(0.84) - norm.ppf(0.16)), rel=0.06)
 

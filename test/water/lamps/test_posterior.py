@@ -13,7 +13,6 @@ from lamp_scene import CLEAR_WATER, LAMPS, RIG, parameters
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.optics.lamps import ATTENUATIONS, shine
-from uw_visibility.water.estimate import ONE_SIGMA
 from uw_visibility.water.lamps.nodes import Nodes
 from uw_visibility.water.lamps.posterior import LampPosterior, infer
 
@@ -62,7 +61,7 @@ def nodes(
 
 
 def found(*frames: Nodes) -> LampPosterior:
-    posterior = infer(list(frames), LIGHTING, CLEAR_WATER, ALL, ONE_SIGMA)
+    posterior = infer(list(frames), LIGHTING, CLEAR_WATER, ALL)
     assert posterior is not None
     return posterior
 
@@ -111,7 +110,7 @@ def test_attenuation_is_told_whatever_the_share_of_daylight(daylight: float, vei
     scores = []
     for seed in range(2):
         shown = nodes(0.15, 0.2, seed=seed, daylight=daylight, veil=veil)
-        posterior = infer([shown], lighting, CLEAR_WATER, ALL, ONE_SIGMA)
+        posterior = infer([shown], lighting, CLEAR_WATER, ALL)
         assert posterior is not None
         deviation = np.sqrt(np.diag(posterior.covariance))
         assert (deviation < 0.7).all()
@@ -131,7 +130,7 @@ def test_clearest_is_the_distance_of_the_clearest_channel_seen() -> None:
     low, middle, high = found(shown).clearest
     assert low < middle < high
     assert middle == pytest.approx(-found(shown).log_attenuation.min(), abs=0.05)
-    without = infer([shown], LIGHTING, CLEAR_WATER, np.array([True, False, False]), ONE_SIGMA)
+    without = infer([shown], LIGHTING, CLEAR_WATER, np.array([True, False, False]))
     assert without is not None
     assert without.clearest[1] == pytest.approx(-without.log_attenuation[0], abs=0.05)
 
@@ -148,7 +147,7 @@ def test_frames_of_one_range_each_tell_together() -> None:
 
 def test_too_few_nodes_tell_nothing() -> None:
     few = nodes(0.15).every(8)
-    assert infer([few], LIGHTING, CLEAR_WATER, ALL, ONE_SIGMA) is None
+    assert infer([few], LIGHTING, CLEAR_WATER, ALL) is None
 
 
 @pytest.mark.parametrize("changed", [{"light": 1e300}, {"light": 1e-300}, {"variance": 1e200}])
@@ -157,7 +156,7 @@ def test_what_is_beyond_all_bounds_is_no_estimate_and_no_error(changed: dict) ->
     wild = replace(shown, **{
         name: np.where(np.arange(3) > 0, value, getattr(shown, name))
         for name, value in changed.items()})
-    posterior = infer([wild], LIGHTING, CLEAR_WATER, ALL, ONE_SIGMA)
+    posterior = infer([wild], LIGHTING, CLEAR_WATER, ALL)
     assert posterior is None or np.isfinite(posterior.log_attenuation).all()
 
 

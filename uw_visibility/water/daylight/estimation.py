@@ -43,17 +43,17 @@ from uw_visibility.water.daylight.network import Network, trained
 from uw_visibility.water.daylight.one_light import Daylight, fit_one_light
 from uw_visibility.water.daylight.statistics import Appearance, appearance_of, summarise
 from uw_visibility.water.daylight.validation import (
+    refuse_attenuation,
     refuse_channel,
     refuse_frame,
     refuse_uncertain,
-    refute_clearness,
 )
 from uw_visibility.water.estimate import (
-    ONE_SIGMA,
     WaterEstimate,
     blank,
     of_channels,
     overall_status,
+    passed,
     refuse,
 )
 from uw_visibility.water.observations import Envelopes, observe
@@ -170,7 +170,7 @@ class WaterEstimator:
             return replace(
                 WaterEstimate.not_assessable(reason, envelope), lamps_log_odds=lamps_log_odds)
         status = [refuse_channel(envelope, channel) for channel in range(3)]
-        active = np.array([each is Status.OK for each in status])
+        active = passed(status)
         if not active.any():
             return WaterEstimate.not_assessable(overall_status(status), envelope)
         if posterior.unlike > networks.most_unlike:
@@ -186,7 +186,7 @@ class WaterEstimator:
             light, light_covariance = _light(posterior, envelope, known)
             estimate = replace(
                 estimate, light=light, light_covariance=light_covariance,
-                clearest=_wider(posterior.clearest(known, ONE_SIGMA)) if known.any() else None)
+                clearest=_wider(posterior.clearest(known)) if known.any() else None)
         return replace(
             estimate, transfer_log_odds=float(logit(posterior.other_curve)),
             lamps_log_odds=lamps_log_odds)
@@ -208,15 +208,9 @@ class WaterEstimator:
         self, parameters: Array, covariance: Array, envelope: Envelopes, status: list[Status]
     ) -> WaterEstimate:
         """Estimate of β and light, (3, 2), without the channels that are too uncertain."""
-        stddev = np.sqrt(np.diag(covariance)[0::2])
-        status = [
-            refuse_uncertain(float(value), float(spread)) if reason is Status.OK else reason
-            for reason, value, spread in zip(status, parameters[:, 0], stddev, strict=True)]
-        shown = np.where(
-            [reason is Status.OK for reason in status], parameters[:, 0], np.nan)
-        clearer = refute_clearness(shown, covariance[0::2, 0::2], self._clear_water)
-        status = refuse(status, clearer)
-        known = np.array([reason is Status.OK for reason in status])
+        status = refuse_attenuation(
+            status, parameters[:, 0], covariance[0::2, 0::2], self._clear_water)
+        known = passed(status)
         shown = np.where(known[:, np.newaxis], parameters, np.nan)
         return WaterEstimate(
             **of_channels(status, shown[:, 0], shown[:, 1], blank(covariance, known)),

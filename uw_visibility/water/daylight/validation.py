@@ -4,11 +4,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from uw_visibility.images.arrays import Array
 from uw_visibility.status import Status
-from uw_visibility.water.estimate import WaterEstimate
+from uw_visibility.water.estimate import WaterEstimate, passed, refuse
 from uw_visibility.water.observations import FEWEST_BINS, Envelopes
 
 # Largest relative deviation of the nearest range; beyond, disparities are noise.
@@ -60,6 +62,21 @@ def refuse_uncertain(attenuation: float, stddev: float) -> Status:
     """Refuse an attenuation that is too uncertain; OK otherwise."""
     certain = stddev <= max(MAX_STDDEV, MAX_RELATIVE_STDDEV * attenuation)
     return Status.OK if certain else Status.ATTENUATION_UNCERTAIN
+
+
+def refuse_attenuation(
+    status: Sequence[Status], attenuation: Array, covariance: Array, clear_water: Array
+) -> list[Status]:
+    """Refuse channels whose attenuation is too uncertain, and all if they are too clear.
+
+    `status` is that of the channels before, `covariance` (3, 3) that of β.
+    """
+    stddev = np.sqrt(np.diag(covariance))
+    found = [
+        refuse_uncertain(float(value), float(spread)) if reason is Status.OK else reason
+        for reason, value, spread in zip(status, attenuation, stddev, strict=True)]
+    shown = np.where(passed(found), attenuation, np.nan)
+    return refuse(found, refute_clearness(shown, covariance, clear_water))
 
 
 def refute_clearness(attenuation: Array, covariance: Array, clear_water: Array) -> Status:

@@ -24,6 +24,7 @@ from uw_visibility.images.arrays import Array
 from uw_visibility.optics.lamps import across, vector
 from uw_visibility.water.lamps import track_fit
 from uw_visibility.water.lamps.light import Ways
+from uw_visibility.water.lamps.posterior import BEAM_DEVIATION
 from uw_visibility.water.lamps.tracks import Sightings
 
 # Sightings that are fitted at most, and at least.
@@ -32,9 +33,9 @@ MOST_CELLS, FEWEST_CELLS = 8000, 300
 LEAST_RATIO, RANGE_QUANTILES = 1.4, (0.05, 0.95)
 # Largest standard deviation of a place, m.
 MOST_STDDEV = 0.2
-# Deviations of the priors: of places (m), axes (rad), logarithms of the beam's angle and of one
-# lamp's power over another's.
-PLACE, AXIS, BEAM, RATIO = 0.5, math.radians(10.0), 0.2, 0.1
+# Deviations of the priors: of places (m), axes (rad), and the logarithm of one lamp's power over
+# another's.
+PLACE, AXIS, RATIO = 0.5, math.radians(10.0), 0.1
 # Steps of the fit at most.
 MOST_STEPS = 100
 # Scatter of ln E at the start.
@@ -108,7 +109,7 @@ class _Model:
         self.mean, self.stddev = np.zeros(ends[-1]), np.full(ends[-1], np.inf)
         for part, mean, stddev in (
             (self.places, np.ravel([lamp.position for lamp in lamps]), PLACE),
-            (self.tilts, 0.0, AXIS), (self.beam, 0.0, BEAM), (self.ratios, 0.0, RATIO),
+            (self.tilts, 0.0, AXIS), (self.beam, 0.0, BEAM_DEVIATION), (self.ratios, 0.0, RATIO),
             (slice(-len(track_fit.START), None), track_fit.START, track_fit.DEVIATION),
         ):
             self.mean[part], self.stddev[part] = mean, stddev
@@ -142,8 +143,7 @@ class _Model:
             self.cells, self.cells.light, np.exp(p[self.beta]), self.found(p))
         direct, _, _ = Ways.by_ground(cells.direction, cells.range, cells.normal, lamps).sum(
             beta, p[self.exponent][0])
-        scattered, _, _ = Ways.by_water(
-            cells.direction, cells.range, lamps, track_fit.STEPS).sum(beta)
+        scattered, _, _ = Ways.by_water(cells.direction, cells.range, lamps).sum(beta)
         s = track_fit.scattering_factor(light, direct, p[self.beta], p[self.scattering])
         return direct, np.maximum(light - s * scattered, track_fit.OWN_PART * light)
 

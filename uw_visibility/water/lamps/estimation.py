@@ -19,33 +19,22 @@ from uw_visibility.images.view import View
 from uw_visibility.optics.lamps import LEFT_EYE, LampTables, at_attenuation, tabulate
 from uw_visibility.status import Status
 from uw_visibility.water.blocks import reduce_to_blocks
-from uw_visibility.water.daylight.validation import (
-    MAX_CLIPPED_FRACTION,
-    refuse_uncertain,
-    refute_clearness,
-)
+from uw_visibility.water.daylight.validation import MAX_CLIPPED_FRACTION, refuse_attenuation
 from uw_visibility.water.estimate import (
-    ONE_SIGMA,
     LampLight,
     WaterEstimate,
     blank,
     of_channels,
     overall_status,
-    refuse,
+    passed,
 )
 from uw_visibility.water.lamps.nodes import USELESS, Nodes, reduce_to_nodes
-from uw_visibility.water.lamps.posterior import (
-    FEWEST_NODES,
-    LampPosterior,
-    infer,
-)
+from uw_visibility.water.lamps.posterior import CLEAR_WATER_DEVIATION, FEWEST_NODES, infer
 from uw_visibility.water.lamps.track_fit import TrackFit, fit_tracks
 from uw_visibility.water.lamps.tracks import GroundView, Sightings
 
 Rays = Callable[[Array, Array], Array]
 
-# Relative tolerance of clear water's attenuation, the lower bound (eq. 3).
-CLEAR_WATER_TOLERANCE = 0.1
 # Relative error of β from scale of range, transfer and shape of beams.
 MODEL_ERROR = 0.07
 # Chi squared of tracks against the posterior, for three channels, beyond which they contradict it:
@@ -84,9 +73,9 @@ class NodeEstimator:
             useful = sum(int((nodes.variance[:, c] < USELESS**2).sum()) for nodes in frames)
             if status[c] is Status.OK and useful < FEWEST_NODES:
                 status[c] = Status.TOO_DARK
-        seen = np.array([reason is Status.OK for reason in status])
-        posterior = None if not seen.any() else infer(
-            frames, self._lighting, self._clear_water, seen, ONE_SIGMA)
+        seen, posterior = passed(status), None
+        if seen.any():
+            posterior = infer(frames, self._lighting, self._clear_water, seen)
         if posterior is None:
             reason = Status.TOO_FEW_OBSERVATIONS if seen.any() else overall_status(status)
             nothing, no = WaterEstimate.not_assessable(reason), np.full(3, np.nan)
@@ -100,33 +89,9 @@ class NodeEstimator:
                 # Tracks give a normal distribution of β, much narrower than that of one frame.
                 (beta, covariance), clearest = fused, None
         beta, covariance = self._above_clear_water(beta, covariance, seen)
-        deviation = np.sqrt(np.diag(covariance))
-        for c in np.flatnonzero(seen).tolist():
-            status[c] = refuse_uncertain(float(beta[c]), float(deviation[c]))
-        beta = np.where([reason is Status.OK for reason in status], beta, np.nan)
-        status = refuse(status, refute_clearness(beta, covariance, self._clear_water))
-        beta = np.where([reason is Status.OK for reason in status], beta, np.nan)
-        estimate = self._assembled(frames, posterior, beta, covariance, status)
-        known = np.isfinite(beta).any()
-        return replace(estimate, clearest=clearest if known else None)
-
-    def _above_clear_water(
-        self, beta: Array, covariance: Array, seen: Mask
-    ) -> tuple[Array, Array]:
-        """Raise β to clear water's, and add the model's error."""
-        clear = self._clear_water
-        for c in np.argsort(beta - clear):
-            if seen[c] and beta[c] < clear[c]:
-                least = float(clear[c])
-                beta, covariance = _raised(
-                    beta, covariance, c, least, CLEAR_WATER_TOLERANCE * least)
-        return beta, covariance + MODEL_ERROR**2 * np.outer(beta, beta)
-
-    def _assembled(
-        self, frames: Sequence[Nodes], posterior: LampPosterior, beta: Array, covariance: Array,
-        status: list[Status],
-    ) -> WaterEstimate:
-        known = np.isfinite(beta)
+        status = refuse_attenuation(status, beta, covariance, self._clear_water)
+        known = passed(status)
+        beta = np.where(known, beta, np.nan)
         # The lamps' colours are known, so that their power is one number.
         power = float(np.exp(np.log(posterior.power[known]).mean())) if known.any() else math.nan
         far = np.exp(at_attenuation(frames[-1].log_far, beta))
@@ -141,9 +106,20 @@ class NodeEstimator:
                 blank(joint, known)),
             iterations=1, bins=sum(len(nodes.range) for nodes in frames), light=scene_light,
             light_covariance=np.where(np.outer(known, known), POWER_DEVIATION**2, np.nan),
+            clearest=clearest if known.any() else None,
             lamps=LampLight(
                 beta, scene_light, np.where(known, posterior.scattering, np.nan),
                 posterior.daylight, posterior.veil, frames[-1]))
+
+    def _above_clear_water(
+        self, beta: Array, covariance: Array, seen: Mask
+    ) -> tuple[Array, Array]:
+        """Raise β to clear water's, its lower bound (eq. 3), and add the model's error."""
+        clear = self._clear_water
+        for c in np.argsort(beta - clear):
+            if seen[c] and beta[c] < clear[c]:
+                beta, covariance = _raised(beta, covariance, c, float(clear[c]))
+        return beta, covariance + MODEL_ERROR**2 * np.outer(beta, beta)
 
 
 class LampEstimator(NodeEstimator):
@@ -201,9 +177,7 @@ class LampEstimator(NodeEstimator):
         return replace(water, lamps=replace(water.lamps, ground=ground))
 
 
-def _joined(
-    beta: Array, covariance: Array, tracks: TrackFit
-) -> tuple[Array, Array] | None:
+def _joined(beta: Array, covariance: Array, tracks: TrackFit) -> tuple[Array, Array] | None:
     """Weighted mean of the nodes' β and that of tracks; None where tracks contradict it."""
     away = tracks.attenuation - beta
     weight = np.linalg.inv(covariance + tracks.covariance)
@@ -213,15 +187,13 @@ def _joined(
     return beta + gain @ away, covariance - gain @ covariance
 
 
-def _raised(
-    mean: Array, covariance: Array, c: int, least: float, tolerance: float
-) -> tuple[Array, Array]:
-    """Truncate one variable of a Gaussian at a lower bound with a tolerance.
+def _raised(mean: Array, covariance: Array, c: int, least: float) -> tuple[Array, Array]:
+    """Truncate one variable of a Gaussian at a lower bound, which is uncertain itself.
 
     Its variance is that of the truncated normal distribution; the others change by their covariance
     with it.
     """
-    stddev = math.sqrt(covariance[c, c] + tolerance**2)
+    stddev = math.sqrt(covariance[c, c] + (CLEAR_WATER_DEVIATION * least) ** 2)
     below = (least - mean[c]) / stddev
     # Inverse Mills ratio φ(a) / (1 − Φ(a)): mean of a normal law that is truncated at a.
     ratio = math.sqrt(2.0 / math.pi) / float(erfcx(below / math.sqrt(2.0)))

@@ -13,6 +13,9 @@ from uw_visibility.config.lighting import Lamp
 from uw_visibility.images.arrays import Array
 from uw_visibility.optics.lamps import incidence, phase_function, shine
 
+# Steps of the integral along the line of sight, by Gauss and Legendre's rule.
+STEPS = 10
+
 
 class Ways(NamedTuple):
     """K paths of light by way of each of N places to the camera.
@@ -51,11 +54,9 @@ class Ways(NamedTuple):
             np.array(log_cosine))
 
     @classmethod
-    def by_water(
-        cls, directions: Array, distance: Array, lamps: Sequence[Lamp], steps: int
-    ) -> Ways:
-        """Paths by the water before the ground, by Gauss-Legendre quadrature of some steps."""
-        nodes, weights = np.polynomial.legendre.leggauss(steps)
+    def by_water(cls, directions: Array, distance: Array, lamps: Sequence[Lamp]) -> Ways:
+        """Paths by the water before the ground."""
+        nodes, weights = np.polynomial.legendre.leggauss(STEPS)
         along = 0.5 * (nodes + 1) * distance[:, np.newaxis]
         points = directions[:, np.newaxis] * along[..., np.newaxis]
         light, path = [], []
@@ -64,8 +65,8 @@ class Ways(NamedTuple):
             light.append((lit * phase_function(forward) * 0.5 * weights * distance[:, None]).T)
             path.append((r + along).T)
         return cls(
-            np.repeat([lamp.colour for lamp in lamps], steps, axis=0), np.concatenate(light),
-            np.concatenate(path), np.zeros((len(lamps) * steps, len(distance))))
+            np.repeat([lamp.colour for lamp in lamps], STEPS, axis=0), np.concatenate(light),
+            np.concatenate(path), np.zeros((len(lamps) * STEPS, len(distance))))
 
     def sum(self, attenuation: Array, exponent: float = 0.0) -> tuple[Array, Array, Array]:
         """Light by all paths, its mean path length and mean logarithm of the cosine, (N, 3) each.

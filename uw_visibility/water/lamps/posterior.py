@@ -32,6 +32,7 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.config.lighting import Lamp, LightingConfig
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.lamps import ATTENUATIONS, between, displaced, vector
+from uw_visibility.water.estimate import one_sigma
 from uw_visibility.water.lamps.light import Ways
 from uw_visibility.water.lamps.nodes import Nodes, details_of
 
@@ -110,7 +111,7 @@ class LampPosterior:
     covariance : (3, 3) float64 ndarray
         Of ln β.
     clearest : (3,) float64 ndarray
-        Quantiles of −ln min β over the channels seen, at the given probabilities.
+        16, 50 and 84 % of −ln min β over the channels seen.
     exponent : float
         k.
     power : (3,) float64 ndarray
@@ -180,7 +181,7 @@ _DAYLIGHT, _VEIL = slice(-14, -10), slice(-10, -6)
 
 def infer(
     frames: Sequence[Nodes], lighting: LightingConfig, clear_water: Array, seen: Mask,
-    quantiles: Array, fitted: Fitted = FITTED,
+    fitted: Fitted = FITTED,
 ) -> LampPosterior | None:
     """Infer attenuation from the nodes of frames in the order of time; None with too few nodes.
 
@@ -193,8 +194,6 @@ def infer(
         κ, 1/m.
     seen : (3,) bool ndarray
         Channels among which the clearest one is sought.
-    quantiles : (Q,) float64 ndarray
-        Probabilities at which `LampPosterior.clearest` is given.
     """
     if sum(len(nodes.range) for nodes in frames) < FEWEST_NODES:
         return None
@@ -203,7 +202,7 @@ def infer(
     scene = _Scene(frames, list(lighting.lamps()), lighting)
     depths = (None, *DEPTHS) if lighting.model == "both" else (None,)
     grids = [_over_grid(scene, clear_water, depth, fitted) for depth in depths]
-    return _summed(grids, depths, scene, clear_water, seen, quantiles)
+    return _summed(grids, depths, scene, clear_water, seen)
 
 
 class _Scene:
@@ -396,7 +395,7 @@ def _expected(particles: float) -> float:
 
 def _summed(
     grids: Sequence[list[_Fit]], depths: Sequence[float | None], scene: _Scene, clear_water: Array,
-    seen: Mask, quantiles: Array,
+    seen: Mask,
 ) -> LampPosterior | None:
     """Sum the posterior over the grid, interpolated, and over kinds of daylight."""
     fine = np.linspace(math.log(PARTICLES[0]), math.log(PARTICLES[-1]), FINE)
@@ -438,7 +437,7 @@ def _summed(
         if len(clear):
             power[c] = max(float(np.quantile(clear, BRIGHT_NODES)), usual[c]) / BRIGHT_RADIANCE
     return LampPosterior(
-        middle, spread, _of_clearest(weight, mean, covariance, seen, quantiles),
+        middle, spread, _of_clearest(weight, mean, covariance, seen),
         USUAL_EXPONENT + float(p[2]), power, level * np.exp(amount),
         np.sqrt(best.scattering_variance), power * daylight * level / usual, level * veil)
 
@@ -461,19 +460,14 @@ def _interpolated(grid: list[_Fit], highest: float, fine: Array) -> tuple[Array,
         make_interp_spline(nodes, covariance, k=1)(fine))
 
 
-def _of_clearest(
-    weight: Array, mean: Array, covariance: Array, seen: Mask, quantiles: Array
-) -> Array:
-    """Quantiles of −ln min β over the channels seen."""
+def _of_clearest(weight: Array, mean: Array, covariance: Array, seen: Mask) -> Array:
+    """16, 50 and 84 % of −ln min β over the channels seen."""
     channel = np.argmin(np.where(seen, mean, np.inf), axis=1)
     each = np.arange(len(mean))
     deviation = np.sqrt(covariance[each, channel, channel])
     values = (-mean[each, channel, np.newaxis] + deviation[:, np.newaxis] * NORMAL).ravel()
     parts = np.exp(-0.5 * NORMAL**2)
-    shares = (weight[:, np.newaxis] * parts / parts.sum()).ravel()
-    order = np.argsort(values, kind="stable")
-    reached = np.cumsum(shares[order]) - 0.5 * shares[order]
-    return np.interp(quantiles, reached, values[order])
+    return one_sigma(values, (weight[:, np.newaxis] * parts / parts.sum()).ravel())
 
 
 @njit(nogil=True, error_model="numpy")

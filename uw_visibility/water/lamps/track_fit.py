@@ -44,8 +44,6 @@ USUAL_ATTENUATION, ATTENUATION = math.log(0.3), 1.0
 # Least part of the light that is the ground's own, and that of sightings that count: scattered
 # light has no information on the ground behind it.
 OWN_PART, CLEAR_PART = 0.2, 0.5
-# Steps of the integral along the line of sight.
-STEPS = 10
 # Least scatter of ln E in the fit, and largest one of an estimate: beyond it, power or exposure has
 # changed, or lamps are elsewhere.
 LEAST_SCATTER, MOST_SCATTER = 0.01, 0.2
@@ -79,7 +77,7 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
         return None
     lamps = list(lighting.lamps())
     ground = _ways_by_patches(cells, lamps)
-    water = Ways.by_water(cells.direction, cells.range, lamps, STEPS)
+    water = Ways.by_water(cells.direction, cells.range, lamps)
     p = START
     for _ in range(ITERATIONS):
         residual, jacobian, clear = _residuals(cells, ground, water, p)
