@@ -131,9 +131,13 @@ def observe(
         light[:, starts[at]:ends[at]].sort(axis=1)
     steep, bright = light[:, ranks[:, full]].astype(np.float64).swapaxes(0, 1)
     dark = darkest[0][:, full, -1].astype(np.float64)
-    slope = _Slope(blocks)
-    scale = slope.at(dark)
-    noise = scale * (slope.noise / blocks.side)[:, np.newaxis]
+    table = linear_table(
+        "srgb" if blocks.encoded else "linear", np.uint16 if blocks.deep else np.uint8
+    ).astype(np.float64)
+    scale = _slope(table, dark)
+    # Noise as a part of full scale.
+    of_codes = blocks.noise / _slope(table, table[len(table) // 2])
+    noise = scale * (of_codes / blocks.side)[:, np.newaxis]
     quantiles = np.array((np.full(len(full), DARKEST), inner[full])) / (count[full] + 1.0)
     dark = dark + _noise_shift(noise, steep - dark, quantiles)
     return Envelopes(
@@ -171,21 +175,10 @@ def _sort_into_bins(
             next_of[i] += 1
 
 
-class _Slope:
+def _slope(table: Array, irradiance: Array) -> Array:
     """Irradiance over code values, as parts of full scale, at an irradiance."""
-
-    def __init__(self, blocks: Blocks) -> None:
-        self._table = linear_table(
-            "srgb" if blocks.encoded else "linear", np.uint16 if blocks.deep else np.uint8
-        ).astype(np.float64)
-        middle = len(self._table) // 2
-        # Noise as a part of full scale.
-        self.noise = blocks.noise / self.at(self._table[middle])
-
-    def at(self, irradiance: Array | float) -> Array:
-        above = np.clip(np.searchsorted(self._table, irradiance), 1, len(self._table) - 1)
-        return np.asarray(
-            (self._table[above] - self._table[above - 1]) * (len(self._table) - 1))
+    above = np.clip(np.searchsorted(table, irradiance), 1, len(table) - 1)
+    return np.asarray((table[above] - table[above - 1]) * (len(table) - 1))
 
 
 def _noise_shift(noise: Array, rise: Array, quantiles: Array) -> Array:

@@ -49,12 +49,8 @@ class Posterior:
         Draws of the same.
     weight : (D,) float64 ndarray
         Of the draws; sums to 1.
-    other_curve : float
-        Probability that the camera's transfer is not the configured one.
-    lamps : float
-        Probability that lamps light the image instead of daylight.
-    unlike : float
-        Mean square of the standardised statistics; about 1 for images like those of training.
+    other_curve, lamps, unlike : float
+        See `Mixture`.
     misfit : float
         How far the image is from what the draws predict, see `_misfit`.
     """
@@ -106,9 +102,7 @@ def _draw(mixture: Mixture) -> tuple[Array, Array]:
     standard = _standard_normal()
     draws = mixture.mean[:, np.newaxis] + standard @ np.linalg.cholesky(
         mixture.covariance).swapaxes(1, 2)
-    return (
-        draws.reshape(-1, 3, UNKNOWNS),
-        np.repeat(mixture.weight / DRAWS, DRAWS))
+    return draws.reshape(-1, 3, UNKNOWNS), np.repeat(mixture.weight / DRAWS, DRAWS)
 
 
 @lru_cache(maxsize=1)

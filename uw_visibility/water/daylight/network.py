@@ -50,7 +50,7 @@ UNKNOWNS = 3
 OF_COMPONENT = UNKNOWNS + 6 + UNKNOWNS * FACTORS
 OUTPUTS = COMPONENTS * OF_COMPONENT
 # Features of each channel: its own, the mean of the others', and those of the image.
-OWN = OF_CURVES + OF_CHANNEL  # a channel's own
+OWN = OF_CURVES + OF_CHANNEL
 FEATURES = 2 * OWN + OF_IMAGE
 # Binary outputs beside the mixture: the camera's transfer is not the configured one; lamps light
 # the image instead of daylight.
@@ -112,8 +112,6 @@ class Network:
         Weights and biases of each network, layer by layer.
     most_unlike, most_misfit : float
         Limits of `Posterior.unlike` and `Posterior.misfit`, which nearly all training views keep.
-    provenance : str
-        Training data.
     """
 
     centre: Array
@@ -121,7 +119,6 @@ class Network:
     layers: tuple[tuple[NDArray[np.float32], ...], ...]
     most_unlike: float = math.inf
     most_misfit: float = math.inf
-    provenance: str = ""
 
     def infer(self, statistics: Statistics) -> Mixture:
         """Infer the posterior of an image's statistics."""
@@ -256,7 +253,7 @@ def of_arrays(data: Mapping[str, NDArray[Any]]) -> Network:
     unlike, misfit = (float(x) for x in data["limits"]) if "limits" in data else (math.inf,) * 2
     return Network(
         data["centre"].astype(np.float64), data["spread"].astype(np.float64), layers, unlike,
-        misfit, str(data["provenance"]) if "provenance" in data else "")
+        misfit)
 
 
 @lru_cache(maxsize=1)

@@ -4,9 +4,7 @@
 
 Above flat ground one frame's ranges are too alike to show how light falls; a vehicle that
 climbs, sinks and pitches shows it over a minute. Power and exposure are taken to stay the
-same, so that nodes of different frames compare like those of one. The covariance holds
-the spread over blocks of frames that are left out in turn (delete-a-group jackknife: Künsch
-1989, doi:10.1214/aos/1176347265), since consecutive frames show the same ground.
+same, so that nodes of different frames compare like those of one.
 """
 
 from __future__ import annotations
@@ -21,12 +19,7 @@ from uw_visibility.water.estimate import LampLight, WaterEstimate
 from uw_visibility.water.lamps.estimation import NodeEstimator
 from uw_visibility.water.lamps.nodes import MOST_NODES, Nodes
 from uw_visibility.water.lamps.tracks import WIDE, PointTracker, Sightings
-from uw_visibility.water.series.survey import (
-    BLOCKS,
-    INTERVAL,
-    FrameWindow,
-    SurveyEstimate,
-)
+from uw_visibility.water.series.survey import BLOCKS, INTERVAL, FrameWindow, SurveyEstimate
 
 
 class LampSurvey:

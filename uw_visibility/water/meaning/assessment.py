@@ -22,11 +22,9 @@ from uw_visibility.water.meaning.depth import DepthModel
 # depth, as a part of the largest depth; beyond, they are refused.
 WIDEST_INTERVAL = 4.0
 MAX_RELATIVE_STDDEV = 0.5
-# Limit of the relative standard deviation of β, so that its exponential is finite; far smaller ones
-# are refused.
-MOST_SPREAD = 10.0
 # Largest distance of the light's colour from that of daylight below water, in standard deviations.
 MAX_COLOUR_ERROR = 3.0
+_NO_DEPTH = (math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True)
@@ -108,34 +106,28 @@ class Assessor:
         A channel that is too dark to be assessed does not count: mean attenuation is that of the
         others, depth needs two of them, and the distance is that of the best one.
         """
-        covariance = estimate.covariance
         seen = np.isfinite(estimate.attenuation)
-        status = depth_status = estimate.status
+        status = estimate.status
         alpha = alpha_stddev = low = distance = high = math.nan
         if seen.any() and not estimate.refused_in_light.any():
             # By particles over the channels seen (eq. 9).
             alpha = float(np.mean((estimate.attenuation - self.clear_water_attenuation)[seen]))
-            own = covariance[0::2, 0::2][np.ix_(seen, seen)]
+            own = estimate.covariance[0::2, 0::2][np.ix_(seen, seen)]
             alpha_stddev = math.sqrt(own.sum()) / int(seen.sum())
-            low, distance, high = self._distance(estimate, covariance)
-            if not high <= WIDEST_INTERVAL * low:
-                low = distance = high = math.nan
-                if status is Status.OK:
-                    status = Status.ATTENUATION_UNCERTAIN
-        depth = (math.nan, math.nan, math.nan)
+            low, distance, high = self._distance(estimate).tolist()
+            if math.isnan(distance) and status is Status.OK:
+                status = Status.ATTENUATION_UNCERTAIN
+        depth_status, depth = estimate.status, _NO_DEPTH
         if by_lamps:
             depth_status = Status.NO_DEPTH_BY_LAMPS
-        elif estimate.status is Status.OK and seen.sum() < 2:
+        elif depth_status is not Status.OK:
+            pass
+        elif seen.sum() < 2:
             depth_status = Status.NO_COLOUR
-        elif estimate.status is Status.OK:
+        elif estimate.grey_on_average and self._white_is_daylight and estimate.light is not None:
+            depth_status = Status.GREY_ON_AVERAGE
+        else:
             depth_status, depth = self._assess_depth(estimate, seen)
-            largest = MAX_RELATIVE_STDDEV * self._config.max_depth
-            if estimate.grey_on_average and self._white_is_daylight and estimate.light is not None:
-                depth_status = Status.GREY_ON_AVERAGE
-            elif depth_status is Status.OK and not depth[1] <= largest:
-                depth_status = Status.AMBIENT_LIGHT_UNBOUNDED
-            if depth_status is not Status.OK:
-                depth = (math.nan, math.nan, math.nan)
         return Visibility(
             status, depth_status, alpha, alpha_stddev, distance, 0.5 * (high - low), *depth,
             distance_low=low, distance_high=high,
@@ -144,7 +136,7 @@ class Assessor:
     def _assess_depth(
         self, estimate: WaterEstimate, seen: Mask
     ) -> tuple[Status, tuple[float, float, float]]:
-        """Depth by the colour of daylight, its standard deviation and its precision.
+        """Depth by the colour of daylight, its standard deviation and its precision; or why not.
 
         The colour is that of the scene light, where it is known apart from the veil; then the
         deviation includes the water type above and the camera's white.
@@ -154,36 +146,35 @@ class Assessor:
         both = np.repeat(seen, 2)
         depth, precision = model.depth(
             attenuation, light, covariance_with_light(estimate)[np.ix_(both, both)])
-        if estimate.light is None:
-            return Status.OK, (depth, precision, precision)
-        of_model, colour_error = model.model_stddev(
-            depth, attenuation, estimate.attenuation_stddev[seen], light)
-        stddev = math.hypot(precision, of_model)
-        # By daylight a channel becomes too dark only far below.
-        deepest = depth + MAX_COLOUR_ERROR * stddev
-        lost = self._depth.light(deepest, estimate.scene_light, seen) > _least_light(estimate)
-        if colour_error > MAX_COLOUR_ERROR or (lost & ~seen).any():
-            return Status.NO_DAYLIGHT_COLOUR, (depth, stddev, precision)
+        stddev = precision
+        if estimate.light is not None:
+            of_model, colour_error = model.model_stddev(
+                depth, attenuation, estimate.attenuation_stddev[seen], light)
+            stddev = math.hypot(precision, of_model)
+            # By daylight a channel becomes too dark only far below.
+            deepest = depth + MAX_COLOUR_ERROR * stddev
+            lost = self._depth.light(deepest, estimate.scene_light, seen) > _least_light(estimate)
+            if colour_error > MAX_COLOUR_ERROR or (lost & ~seen).any():
+                return Status.NO_DAYLIGHT_COLOUR, _NO_DEPTH
+        if not stddev <= MAX_RELATIVE_STDDEV * self._config.max_depth:
+            return Status.AMBIENT_LIGHT_UNBOUNDED, _NO_DEPTH
         return Status.OK, (depth, stddev, precision)
 
-    def _distance(
-        self, estimate: WaterEstimate, covariance: Array
-    ) -> tuple[float, float, float]:
+    def _distance(self, estimate: WaterEstimate) -> Array:
         """Distance at which contrast falls to the threshold, in the best channel (eq. 12).
 
-        Returns its 16, 50 and 84 %, m.
+        Returns its 16, 50 and 84 %, m; NaN where they are too far apart.
         """
-        factor = visibility_distance(1.0, self._config.contrast)
-        if estimate.clearest is not None:
-            low, middle, high = (factor * math.exp(value) for value in estimate.clearest)
-            return low, middle, high
-        best = int(np.nanargmin(estimate.attenuation))
-        attenuation = float(estimate.attenuation[best])
-        # β is uncertain by a factor (log-normal), and with it the distance.
-        spread = math.sqrt(covariance[2 * best, 2 * best]) / attenuation
-        factors = np.exp(np.clip(spread, 0.0, MOST_SPREAD) * np.array((-1.0, 0.0, 1.0)))
-        low, middle, high = (factor / attenuation * factors).tolist()
-        return low, middle, high
+        logarithm = estimate.clearest
+        if logarithm is None:
+            best = int(np.nanargmin(estimate.attenuation))
+            attenuation = estimate.attenuation[best]
+            # β is uncertain by a factor (log-normal), and with it the distance.
+            spread = estimate.attenuation_stddev[best] / attenuation
+            logarithm = np.array((-spread, 0.0, spread)) - math.log(attenuation)
+        if not logarithm[2] - logarithm[0] <= math.log(WIDEST_INTERVAL):
+            return np.full(3, np.nan)
+        return np.exp(logarithm) * visibility_distance(1.0, self._config.contrast)
 
 
 def _least_light(estimate: WaterEstimate) -> Array:

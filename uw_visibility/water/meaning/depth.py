@@ -20,6 +20,7 @@ from uw_visibility.optics.spectra import (
 from uw_visibility.optics.water_type import water_type_attenuation, water_types
 from uw_visibility.water.daylight.one_light import Daylight
 
+# Step of the depths that are compared, m, and number of steps of the search from the best of them.
 GRID_STEP = 0.1
 REFINEMENTS = 8
 
@@ -76,20 +77,15 @@ class DepthModel:
         self._rate: Array | None = None
         if water_type != ESTIMATED:
             self._rate = diffuse_attenuation(water_type, response)
-            self._table = theoretical_chromaticity(self._grid, self._rate, self._white)
         self.daylight = Daylight(self._white, self._rate)
         names = [name for name in (CLEAR, *water_types()) if name != water_type]
         self._others = np.array([diffuse_attenuation(name, response) for name in names])
 
     def of_channels(self, seen: Mask) -> DepthModel:
         """Model for the colour of some channels, two at least."""
-        if seen.all():
-            return self
         model = copy.copy(self)
         model._white, model._others = self._white[seen], self._others[:, seen]
-        if self._rate is not None:
-            model._rate = self._rate[seen]
-            model._table = theoretical_chromaticity(self._grid, model._rate, model._white)
+        model._rate = None if self._rate is None else self._rate[seen]
         return model
 
     def light(self, depth: float, light: Array, seen: Mask) -> Array:
@@ -197,9 +193,7 @@ class DepthModel:
         return depth, math.sqrt(max(float(by @ covariance @ by), 0.0))
 
     def _nearest(self, chromaticity: Array, rate: Array) -> float:
-        table = (
-            theoretical_chromaticity(self._grid, rate, self._white) if self._rate is None
-            else self._table)
+        table = theoretical_chromaticity(self._grid, rate, self._white)
         distances = ((table - chromaticity) ** 2).sum(axis=1)
         depth = float(self._grid[int(distances.argmin())])
         for _ in range(REFINEMENTS):

@@ -29,11 +29,7 @@ from uw_visibility.images.arrays import Array
 from uw_visibility.status import Status
 from uw_visibility.water.blocks import Blocks, stacked
 from uw_visibility.water.daylight.estimation import WaterEstimator
-from uw_visibility.water.estimate import (
-    WaterEstimate,
-    blank,
-    of_channels,
-)
+from uw_visibility.water.estimate import WaterEstimate, blank, of_channels
 from uw_visibility.water.observations import Envelopes
 
 Item = TypeVar("Item")
@@ -242,8 +238,14 @@ class Survey:
         whole = self._together(frames)
         if not np.isfinite(whole.attenuation).any():
             return whole
-        parts = [self._together(subset) for subset in without_blocks(frames)]
-        return wider(_with_spread(whole, parts), attenuation_change(frames) ** 2)
+        block = _blocks_of(frames)
+        parts = [
+            self._together([frame for frame, b in zip(frames, block, strict=True) if b != left_out])
+            for left_out in range(BLOCKS)]
+        water = _with_spread(whole, parts)
+        joint = water.covariance.copy()
+        joint[0::2, 0::2] += attenuation_change(frames) ** 2
+        return replace(water, covariance=joint)
 
     def _together(self, frames: Sequence[FrameEnvelopes]) -> WaterEstimate:
         """Estimate from frames as from one."""
@@ -255,24 +257,9 @@ class Survey:
         return replace(self._estimator.estimate_blocks(blocks, range_error), clearest=None)
 
 
-def _blocks_of(frames: Sequence[Any]) -> NDArray[np.intp]:
+def _blocks_of(frames: Sequence[FrameEnvelopes]) -> NDArray[np.intp]:
     """Block of each frame, numbered from 0."""
     return np.arange(len(frames)) * BLOCKS // len(frames)
-
-
-def without_blocks(frames: Sequence[Item]) -> list[list[Item]]:
-    """Frames without each of the blocks in turn."""
-    block = _blocks_of(frames)
-    return [
-        [frame for frame, b in zip(frames, block, strict=True) if b != left_out]
-        for left_out in range(BLOCKS)]
-
-
-def wider(water: WaterEstimate, covariance: Array | float) -> WaterEstimate:
-    """Add to the covariance of attenuation, (3, 3); a number is common to the channels."""
-    joint = water.covariance.copy()
-    joint[0::2, 0::2] += covariance
-    return replace(water, covariance=joint)
 
 
 def _with_spread(whole: WaterEstimate, parts: Sequence[WaterEstimate]) -> WaterEstimate:
