@@ -170,9 +170,7 @@ class _Prior(NamedTuple):
             self.right - self.precision @ p + weight * missing)
 
 
-def _descend(
-    p: Array, envelope: Envelopes, known: Mask, prior: _Prior
-) -> tuple[Array, float]:
+def _descend(p: Array, envelope: Envelopes, known: Mask, prior: _Prior) -> tuple[Array, float]:
     """Minimum next to `p`, and its cost; by Levenberg and Marquardt's steps."""
     damping = 1e-3
     for _ in range(ITERATIONS):
@@ -253,31 +251,33 @@ def _residuals(p: Array, envelope: Envelopes, known: Mask, scales: _Scales) -> _
 
 def _normal_equations(residuals: _Residuals) -> tuple[Array, Array]:
     """Curvature (6, 6) and descent direction (6,) of the envelope's cost."""
-    curvature, slope = np.zeros((6, 6)), np.zeros(6)
+    weight = residuals.weight
+    return _squares(residuals.slopes, weight), _sums(residuals.slopes, weight * residuals.value)
+
+
+def _squares(slopes: Array, weight: Array) -> Array:
+    """Weighted squares of slopes (2, 3, N), summed for each channel: (6, 6)."""
+    found = np.zeros((6, 6))
     for c in range(3):
-        block = slice(2 * c, 2 * c + 2)
-        by = residuals.slopes[:, c]
-        curvature[block, block] = (by * residuals.weight[c]) @ by.T
-        slope[block] = by @ (residuals.weight[c] * residuals.value[c])
-    return curvature, slope
+        block, by = slice(2 * c, 2 * c + 2), slopes[:, c]
+        found[block, block] = (by * weight[c]) @ by.T
+    return found
+
+
+def _sums(slopes: Array, factor: Array) -> Array:
+    """Slopes (2, 3, N) times a factor (3, N), summed for each channel: (6,)."""
+    return np.concatenate([slopes[:, c] @ factor[c] for c in range(3)])
 
 
 def _covariance(p: Array, envelope: Envelopes, known: Mask, prior: _Prior) -> Array:
     """Sandwich covariance, plus the effect of darkest blocks that are not black."""
     scales = _scales(p, envelope)
     residuals = _residuals(p, envelope, known, scales)
-    curvature, _ = _normal_equations(residuals)
-    curvature += prior.precision
-    spread = prior.precision.copy()
-    common = np.zeros(6)
+    slopes, weight = residuals.slopes, residuals.weight
+    spread = prior.precision + BINS_ALIKE * _squares(slopes, (weight * residuals.value) ** 2)
     _, _, direct = _light(p, envelope)
     # The standard deviation of darkness equals its mean.
-    darkness = LEAST_DARKNESS + scales.darkness[:, 0]
-    for c in range(3):
-        block = slice(2 * c, 2 * c + 2)
-        by, weight = residuals.slopes[:, c], residuals.weight[c]
-        spread[block, block] += BINS_ALIKE * (by * (weight * residuals.value[c]) ** 2) @ by.T
-        common[block] = by @ (weight * direct[c]) * darkness[c]
-    inverse = np.linalg.inv(curvature)
+    common = _sums(slopes, weight * direct * (LEAST_DARKNESS + scales.darkness))
+    inverse = np.linalg.inv(_squares(slopes, weight) + prior.precision)
     shift = inverse @ common
     return np.asarray(inverse @ spread @ inverse + np.outer(shift, shift))

@@ -184,16 +184,12 @@ def calibrate_lamps(
     _, start, model = min(tried, key=lambda each: each[0])
     scatter = median_deviation(model.residuals(start))
     _, p = _fit(model, start, scatter, MOST_STEPS)
-    halves = [_half_fit(model, start, scatter, part) for part in (0, 1)]
-    spread = _rms(halves[1][model.places] - halves[0][model.places]) / 2
-    return _assembled(model, p, scatter, group, spread)
-
-
-def _half_fit(model: _Model, start: Array, scatter: float, part: int) -> Array:
-    """Parameters fitted to every second track."""
-    half = model.cells.where(model.cells.track % 2 == part)
-    half = replace(half, track=half.track // 2)
-    return _fit(_Model(model.lamps, half), start, scatter, MOST_STEPS)[1]
+    halves = []
+    for part in (0, 1):
+        every_second = cells.where(cells.track % 2 == part)
+        half = replace(every_second, track=every_second.track // 2)
+        halves.append(_fit(_Model(model.lamps, half), start, scatter, MOST_STEPS)[1][model.places])
+    return _assembled(model, p, scatter, group, _rms(halves[1] - halves[0]) / 2)
 
 
 def _fit(

@@ -199,11 +199,11 @@ def details_of(frames: Sequence[Indices]) -> Details:
         numbers = first + np.arange(len(place))
         first += len(place)
         wholes.append(numbers)
-        level, size = 0, 1
-        while len(place) and (place // size).max() > 0:
-            _add_squares(rows, place // size, numbers, level)
-            level, size = level + 1, 2 * size
-        levels = max(levels, level)
+        # Places are halved until one square holds all.
+        scales = int(place.max(initial=0)).bit_length()
+        for level in range(scales):
+            _add_squares(rows, place >> level, numbers, level)
+        levels = max(levels, scales)
     while len(wholes) > 1:
         for one, other in zip(wholes[0::2], wholes[1::2], strict=False):
             _add(rows, one, other, levels)
@@ -217,9 +217,7 @@ def details_of(frames: Sequence[Indices]) -> Details:
         np.array([level for _, _, level in rows], np.int64))
 
 
-def _add_squares(
-    rows: list[Row], place: Indices, numbers: Indices, level: int
-) -> None:
+def _add_squares(rows: list[Row], place: Indices, numbers: Indices, level: int) -> None:
     """Add the differences within squares of two by two: across, along and between diagonals."""
     square, inside = place // 2, place % 2
     key = square[:, 0] * (int(square[:, 1].max()) + 1) + square[:, 1]
@@ -234,9 +232,7 @@ def _add_squares(
                 missing -= _add(rows, mine[side == 0], mine[side == 1], level)
 
 
-def _add(
-    rows: list[Row], one: Indices, other: Indices, level: int
-) -> bool:
+def _add(rows: list[Row], one: Indices, other: Indices, level: int) -> bool:
     """Add the difference of the means of two sets of nodes, unless one is empty."""
     if len(one) == 0 or len(other) == 0:
         return False

@@ -180,7 +180,7 @@ class PointTracker:
             away = np.linalg.norm((back - points)[:, 0], axis=1)
             kept = (seen[:, 0] & seen_back[:, 0]).astype(bool) & (away < RETURN)
             self.points, self.tracks = there[kept, 0], self.tracks[kept]
-        elif self._before is not None:
+        else:
             self.points, self.tracks = self.points[:0], self.tracks[:0]
         free = np.full(image.shape, 255, np.uint8)
         apart = max(6, round(image.shape[1] * self._apart))

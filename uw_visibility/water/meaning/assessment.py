@@ -94,8 +94,7 @@ class Assessor:
         self._white_is_daylight = np.ptp(np.asarray(white, np.float64)) == 0.0
         self._config = config.assessment
         self.clear_water_attenuation = clear_water_attenuation(response)
-        self._depth = DepthModel(
-            self._config.water_type, response, white, self._config.max_depth)
+        self._depth = DepthModel(self._config.water_type, response, white, self._config.max_depth)
         self.daylight = self._depth.daylight
 
     def assess(self, estimate: WaterEstimate, by_lamps: bool = False) -> Visibility:
