@@ -22,8 +22,9 @@ from uw_visibility.optics.transfer import linear_table
 BLOCKS = 20_000
 # Blocks of a frame that are kept for a survey.
 BLOCKS_KEPT = 1500
-# Least number of blocks with a range for an estimate.
+# Least number of blocks with a range for an estimate, and of a bin of range.
 FEWEST_BLOCKS = 600
+FEWEST_OF_BIN = 24
 # Largest relative difference of ranges in a block; beyond, it shows two surfaces.
 MOST_RANGE_STEP = 0.1
 # Largest ratio of a range to the median, or inverse: ranges beyond are wrong, or few.

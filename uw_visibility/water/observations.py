@@ -15,11 +15,10 @@ from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.transfer import linear_table
-from uw_visibility.water.blocks import Blocks, known_ranges, place_by_range
+from uw_visibility.water.blocks import FEWEST_OF_BIN, Blocks, known_ranges, place_by_range
 
-# Largest number of bins, and fewest blocks of one; on average a bin has twice as many.
+# Largest and least number of bins; on average one has twice the fewest blocks of a bin.
 BINS = 32
-FEWEST_OF_BIN = 24
 FEWEST_BINS = 6
 # The dark envelope is the third darkest block of a bin: two may have a wrong range. The paper
 # takes 1 % of the pixels (eq. 4).

@@ -20,7 +20,7 @@ from lamp_scene import (
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.view import View
 from uw_visibility.status import Status
-from uw_visibility.water.lamps.estimation import LampEstimator
+from uw_visibility.water.lamps.estimation import LampEstimator, estimate_nodes
 from uw_visibility.water.lamps.track_fit import TrackFit
 from uw_visibility.water.series.filter import WaterFilter
 from uw_visibility.water.series.tracking import TrackingEvent
@@ -80,18 +80,18 @@ def test_tracks_that_contradict_the_nodes_do_not_count() -> None:
     shown = render(0.2, seed=3, lamps=LAMPS)
     lamps = reader.estimate_view(View.of(shown.image), shown.range).lamps
     assert lamps is not None and lamps.nodes is not None
-    alone = reader.estimate_nodes([lamps.nodes])
+    alone = estimate_nodes([lamps.nodes], config.lighting, CLEAR_WATER)
     near = TrackFit(1.05 * alone.attenuation, 0.01**2 * np.eye(3))
-    joined = reader.estimate_nodes([lamps.nodes], tracks=near)
+    joined = estimate_nodes([lamps.nodes], config.lighting, CLEAR_WATER, tracks=near)
     assert (joined.attenuation > 1.01 * alone.attenuation).all()
     assert (joined.attenuation_stddev < alone.attenuation_stddev).all()
     far = replace(near, attenuation=4.0 * alone.attenuation)
-    refuted = reader.estimate_nodes([lamps.nodes], tracks=far)
+    refuted = estimate_nodes([lamps.nodes], config.lighting, CLEAR_WATER, tracks=far)
     np.testing.assert_array_equal(refuted.attenuation, alone.attenuation)
     # Red alone is off, as over flat ground from one altitude, by what chance makes in 2 of 100.
     covariance = 1e-2 * np.diag(alone.attenuation_stddev**2)
     weight = np.linalg.inv(alone.covariance[0::2, 0::2] + covariance)
     red = alone.attenuation - [np.sqrt(10.0 / weight[0, 0]), 0.0, 0.0]
     loose = replace(near, attenuation=red, covariance=covariance)
-    np.testing.assert_array_equal(
-        reader.estimate_nodes([lamps.nodes], tracks=loose).attenuation, alone.attenuation)
+    chance = estimate_nodes([lamps.nodes], config.lighting, CLEAR_WATER, tracks=loose)
+    np.testing.assert_array_equal(chance.attenuation, alone.attenuation)

@@ -49,6 +49,7 @@ from uw_visibility.water.daylight.validation import (
     refuse_uncertain,
 )
 from uw_visibility.water.estimate import (
+    BRIGHT_RADIANCE,
     WaterEstimate,
     blank,
     of_channels,
@@ -58,8 +59,7 @@ from uw_visibility.water.estimate import (
 )
 from uw_visibility.water.observations import Envelopes, observe
 
-# Radiance of the brightest patch of a scene, and its deviation.
-BRIGHT_RADIANCE = 0.9
+# Deviation of the radiance of the brightest patch of a scene.
 WHITE_DEVIATION = 0.27
 # Least radiance of the brightest near patch: darker ones are noise.
 LEAST_RADIANCE = 0.05

@@ -42,6 +42,7 @@ from uw_visibility.water.daylight.statistics import (
     ZEROS,
     Statistics,
 )
+from uw_visibility.water.daylight.validation import MAX_CLIPPED_FRACTION
 
 COMPONENTS = 3
 FACTORS = 2
@@ -62,8 +63,6 @@ PLAIN = np.r_[:BINS * OF_BIN, OF_CURVES:OWN, 2 * OWN:FEATURES]
 # invariant to mirrored images.
 SIDEWAYS = np.add.outer(
     np.arange(BINS) * OF_BIN, BETWEEN_HALVES + np.arange(len(COMPARED))).ravel()
-# A channel of which more pixels than this part have the code 0 has no light.
-MOST_ZEROS = 0.5
 # Standardised features are clipped at so many deviations.
 MOST_DEVIATIONS = 6.0
 # Bounds of the logarithm of a component's deviation.
@@ -147,8 +146,8 @@ def features_of(
 
 
 def lit(statistics: Statistics) -> Mask:
-    """(3,): channels that have light."""
-    return np.asarray(statistics.of_channels[:, ZEROS] < MOST_ZEROS)
+    """(3,): channels that have light: few pixels have the code 0."""
+    return np.asarray(statistics.of_channels[:, ZEROS] < MAX_CLIPPED_FRACTION)
 
 
 def unlike(features: Array, seen: Mask) -> float:

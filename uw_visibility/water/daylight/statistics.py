@@ -22,11 +22,17 @@ from scipy.special import expit
 from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array, Mask
-from uw_visibility.water.blocks import FEWEST_BLOCKS, Blocks, known_ranges, place_by_range
+from uw_visibility.water.blocks import (
+    FEWEST_BLOCKS,
+    FEWEST_OF_BIN,
+    Blocks,
+    known_ranges,
+    place_by_range,
+)
 
 BINS = 12
-# Fewest blocks of a bin, and of half a bin, that have statistics.
-FEWEST_OF_BIN, FEWEST_OF_HALF = 24, 16
+# Fewest blocks of half a bin that have statistics.
+FEWEST_OF_HALF = 16
 QUANTILES = np.array((0.003, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99))
 # Quantiles that are compared between halves, by place in QUANTILES.
 COMPARED = (2, 4)

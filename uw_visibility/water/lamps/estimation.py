@@ -30,10 +30,8 @@ from uw_visibility.water.estimate import (
 )
 from uw_visibility.water.lamps.nodes import USELESS, Nodes, reduce_to_nodes
 from uw_visibility.water.lamps.posterior import CLEAR_WATER_DEVIATION, FEWEST_NODES, infer
-from uw_visibility.water.lamps.track_fit import TrackFit, fit_tracks
-from uw_visibility.water.lamps.tracks import GroundView, Sightings
-
-Rays = Callable[[Array, Array], Array]
+from uw_visibility.water.lamps.track_fit import TrackFit
+from uw_visibility.water.lamps.tracks import GroundView
 
 # Relative error of β from scale of range, transfer and shape of beams.
 MODEL_ERROR = 0.07
@@ -46,94 +44,72 @@ POWER_DEVIATION = 0.15
 RANGE_LIMITS = (0.005, 0.98)
 
 
-class NodeEstimator:
-    """Estimator of the water's state from nodes, of one frame or many.
+def estimate_nodes(
+    frames: Sequence[Nodes], lighting: LightingConfig, clear_water: Array,
+    refused: Sequence[Status] = (Status.OK,) * 3, tracks: TrackFit | None = None,
+) -> WaterEstimate:
+    """Estimate from nodes of frames in the order of time, and tracks of ground points.
 
-    `clear_water_attenuation` is κ of the camera, (3,), 1/m.
+    `clear_water` is κ of the camera, (3,), 1/m; `refused` says why channels are not assessable.
     """
-
-    def __init__(self, lighting: LightingConfig, clear_water_attenuation: ArrayLike) -> None:
-        self._lighting = lighting
-        self._clear_water = np.array(clear_water_attenuation, dtype=np.float64)
-
-    def fit_tracks(self, frames: Sequence[Sightings]) -> TrackFit | None:
-        """Fit attenuation to tracked points; None if that fails, or with daylight, too."""
-        return fit_tracks(frames, self._lighting) if self._lighting.model != "both" else None
-
-    def estimate_nodes(
-        self, frames: Sequence[Nodes], refused: Sequence[Status] | None = None,
-        tracks: TrackFit | None = None,
-    ) -> WaterEstimate:
-        """Estimate from nodes of frames in the order of time, and tracks of ground points.
-
-        `refused` says why channels are not assessable; OK by default.
-        """
-        status = list(refused or [Status.OK] * 3)
-        for c in range(3):
-            useful = sum(int((nodes.variance[:, c] < USELESS**2).sum()) for nodes in frames)
-            if status[c] is Status.OK and useful < FEWEST_NODES:
-                status[c] = Status.TOO_DARK
-        seen, posterior = passed(status), None
-        if seen.any():
-            posterior = infer(frames, self._lighting, self._clear_water, seen)
-        if posterior is None:
-            reason = Status.TOO_FEW_OBSERVATIONS if seen.any() else overall_status(status)
-            nothing, no = WaterEstimate.not_assessable(reason), np.full(3, np.nan)
-            return replace(nothing, lamps=LampLight(no, no, no, no, no, frames[-1]))
-        beta = np.exp(posterior.log_attenuation)
-        covariance = posterior.covariance * np.outer(beta, beta)
-        clearest: Array | None = posterior.clearest
-        if tracks is not None:
-            fused = _joined(beta, covariance, tracks)
-            if fused is not None:
-                # Tracks give a normal distribution of β, much narrower than that of one frame.
-                (beta, covariance), clearest = fused, None
-        beta, covariance = self._above_clear_water(beta, covariance, seen)
-        status = refuse_attenuation(status, beta, covariance, self._clear_water)
-        known = passed(status)
-        beta = np.where(known, beta, np.nan)
-        # The lamps' colours are known, so that their power is one number.
-        power = float(np.exp(np.log(posterior.power[known]).mean())) if known.any() else math.nan
-        far = np.exp(at_attenuation(frames[-1].log_far, beta))
-        veil = np.where(known, posterior.scattering * far, np.nan)
-        joint = np.zeros((6, 6))
-        joint[0::2, 0::2] = covariance
-        joint[1::2, 1::2] = np.diag((posterior.scattering_stddev * veil) ** 2)
-        scene_light = np.where(known, power, np.nan)
-        return WaterEstimate(
-            **of_channels(
-                status, beta, np.where(known, np.maximum(veil + posterior.veil, 1e-9), np.nan),
-                blank(joint, known)),
-            iterations=1, bins=sum(len(nodes.range) for nodes in frames), light=scene_light,
-            light_covariance=np.where(np.outer(known, known), POWER_DEVIATION**2, np.nan),
-            clearest=clearest if known.any() else None,
-            lamps=LampLight(
-                beta, scene_light, np.where(known, posterior.scattering, np.nan),
-                posterior.daylight, posterior.veil, frames[-1]))
-
-    def _above_clear_water(
-        self, beta: Array, covariance: Array, seen: Mask
-    ) -> tuple[Array, Array]:
-        """Raise β to clear water's, its lower bound (eq. 3), and add the model's error."""
-        clear = self._clear_water
-        for c in np.argsort(beta - clear):
-            if seen[c] and beta[c] < clear[c]:
-                beta, covariance = _raised(beta, covariance, c, float(clear[c]))
-        return beta, covariance + MODEL_ERROR**2 * np.outer(beta, beta)
+    status = list(refused)
+    for c in range(3):
+        useful = sum(int((nodes.variance[:, c] < USELESS**2).sum()) for nodes in frames)
+        if status[c] is Status.OK and useful < FEWEST_NODES:
+            status[c] = Status.TOO_DARK
+    seen, posterior = passed(status), None
+    if seen.any():
+        posterior = infer(frames, lighting, clear_water, seen)
+    if posterior is None:
+        reason = Status.TOO_FEW_OBSERVATIONS if seen.any() else overall_status(status)
+        nothing, no = WaterEstimate.not_assessable(reason), np.full(3, np.nan)
+        return replace(nothing, lamps=LampLight(no, no, no, no, no, frames[-1]))
+    beta = np.exp(posterior.log_attenuation)
+    covariance = posterior.covariance * np.outer(beta, beta)
+    clearest: Array | None = posterior.clearest
+    if tracks is not None:
+        fused = _joined(beta, covariance, tracks)
+        if fused is not None:
+            # Tracks give a normal distribution of β, much narrower than that of one frame.
+            (beta, covariance), clearest = fused, None
+    beta, covariance = _above_clear_water(beta, covariance, seen, clear_water)
+    status = refuse_attenuation(status, beta, covariance, clear_water)
+    known = passed(status)
+    beta = np.where(known, beta, np.nan)
+    # The lamps' colours are known, so that their power is one number.
+    power = float(np.exp(np.log(posterior.power[known]).mean())) if known.any() else math.nan
+    far = np.exp(at_attenuation(frames[-1].log_far, beta))
+    veil = np.where(known, posterior.scattering * far, np.nan)
+    joint = np.zeros((6, 6))
+    joint[0::2, 0::2] = covariance
+    joint[1::2, 1::2] = np.diag((posterior.scattering_stddev * veil) ** 2)
+    scene_light = np.where(known, power, np.nan)
+    return WaterEstimate(
+        **of_channels(
+            status, beta, np.where(known, np.maximum(veil + posterior.veil, 1e-9), np.nan),
+            blank(joint, known)),
+        iterations=1, bins=sum(len(nodes.range) for nodes in frames), light=scene_light,
+        light_covariance=np.where(np.outer(known, known), POWER_DEVIATION**2, np.nan),
+        clearest=clearest if known.any() else None,
+        lamps=LampLight(
+            beta, scene_light, np.where(known, posterior.scattering, np.nan),
+            posterior.daylight, posterior.veil, frames[-1]))
 
 
-class LampEstimator(NodeEstimator):
+class LampEstimator:
     """Estimator of the water's state under lamps.
 
-    `rays` gives unit directions, (Y, X, 3), through a grid of columns and rows, px.
+    `clear_water_attenuation` is κ of the camera, (3,), 1/m; `rays` gives unit directions,
+    (Y, X, 3), through a grid of columns and rows, px.
     """
 
     def __init__(
         self, config: WaterConfig, lighting: LightingConfig, clear_water_attenuation: ArrayLike,
-        rays: Rays,
+        rays: Callable[[Array, Array], Array],
     ) -> None:
-        super().__init__(lighting, clear_water_attenuation)
         self._config = config
+        self._lighting = lighting
+        self._clear_water = np.array(clear_water_attenuation, dtype=np.float64)
         self._rays = rays
 
     def tables(self, shape: tuple[int, int]) -> LampTables:
@@ -169,12 +145,22 @@ class LampEstimator(NodeEstimator):
         if high < self._config.min_range_ratio * low:
             # Many such frames together may be assessable.
             refused = [Status.RANGE_SPREAD_TOO_SMALL] * 3
-        water = self.estimate_nodes([nodes], refused)
+        water = estimate_nodes([nodes], self._lighting, self._clear_water, refused)
         assert water.lamps is not None
         last_row, last_column = (n - 1 for n in view.shape)
         corners = self._rays(np.array([0, last_column]), np.array([0, last_row]))
         ground = GroundView.of(view, full, corners)
         return replace(water, lamps=replace(water.lamps, ground=ground))
+
+
+def _above_clear_water(
+    beta: Array, covariance: Array, seen: Mask, clear: Array
+) -> tuple[Array, Array]:
+    """Raise β to clear water's, its lower bound (eq. 3), and add the model's error."""
+    for c in np.argsort(beta - clear):
+        if seen[c] and beta[c] < clear[c]:
+            beta, covariance = _raised(beta, covariance, c, float(clear[c]))
+    return beta, covariance + MODEL_ERROR**2 * np.outer(beta, beta)
 
 
 def _joined(beta: Array, covariance: Array, tracks: TrackFit) -> tuple[Array, Array] | None:

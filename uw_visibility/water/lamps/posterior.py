@@ -32,7 +32,7 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.config.lighting import Lamp, LightingConfig
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.lamps import ATTENUATIONS, between, displaced, vector
-from uw_visibility.water.estimate import one_sigma
+from uw_visibility.water.estimate import BRIGHT_RADIANCE, one_sigma
 from uw_visibility.water.lamps.light import Ways
 from uw_visibility.water.lamps.nodes import Nodes, details_of
 
@@ -67,8 +67,8 @@ MOST_STEPS, LARGEST_STEP, CONVERGED = 40, 1.0, 0.02
 # Nodes of the normal distributions that are summed for the clearest channel.
 NORMAL = np.array([-1.6, -0.8, 0.0, 0.8, 1.6])
 FEWEST_NODES = 30
-# Quantile of the nodes' bright blocks that is nearly white (eq. 5), and its radiance.
-BRIGHT_NODES, BRIGHT_RADIANCE = 0.7, 0.9
+# Quantile of the nodes' bright blocks that is nearly white.
+BRIGHT_NODES = 0.7
 
 
 class Fitted(NamedTuple):

@@ -13,11 +13,14 @@ import math
 
 import numpy as np
 
+from uw_visibility.config.lighting import LightingConfig
 from uw_visibility.config.schema import SurveyConfig
+from uw_visibility.images.arrays import Array
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import LampLight, WaterEstimate
-from uw_visibility.water.lamps.estimation import NodeEstimator
+from uw_visibility.water.lamps.estimation import estimate_nodes
 from uw_visibility.water.lamps.nodes import MOST_NODES, Nodes
+from uw_visibility.water.lamps.track_fit import fit_tracks
 from uw_visibility.water.lamps.tracks import WIDE, PointTracker, Sightings
 from uw_visibility.water.series.survey import BLOCKS, INTERVAL, FrameWindow, SurveyEstimate
 
@@ -25,9 +28,12 @@ from uw_visibility.water.series.survey import BLOCKS, INTERVAL, FrameWindow, Sur
 class LampSurvey:
     """Estimator of the water from the nodes of all frames in a time window."""
 
-    def __init__(self, config: SurveyConfig, estimator: NodeEstimator) -> None:
+    def __init__(
+        self, config: SurveyConfig, lighting: LightingConfig, clear_water_attenuation: Array
+    ) -> None:
         self._config = config
-        self._estimator = estimator
+        self._lighting = lighting
+        self._clear_water = clear_water_attenuation
         self.reset()
 
     def reset(self) -> None:
@@ -62,11 +68,12 @@ class LampSurvey:
         return light if light is not None and np.isfinite(light.attenuation).any() else None
 
     def _fresh(self) -> SurveyEstimate:
-        frames = self._frames.items
+        frames, lighting = self._frames.items, self._lighting
         water = WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
         if frames:
-            water = self._estimator.estimate_nodes(
-                _thinned(frames), tracks=self._estimator.fit_tracks(self._sightings.items))
+            by_lamps_alone = lighting.model != "both"
+            tracks = fit_tracks(self._sightings.items, lighting) if by_lamps_alone else None
+            water = estimate_nodes(_thinned(frames), lighting, self._clear_water, tracks=tracks)
         return SurveyEstimate.of(water, self._frames, [nodes.range for nodes in frames])
 
 

@@ -22,7 +22,6 @@ from uw_visibility.water.daylight.grey_average import ColourBalance, GreyFrames
 from uw_visibility.water.daylight.inference import MOST_LAMPS, light_status
 from uw_visibility.water.daylight.validation import refute_clearness
 from uw_visibility.water.estimate import LampLight, WaterEstimate
-from uw_visibility.water.lamps.estimation import NodeEstimator
 from uw_visibility.water.lamps.survey import LampSurvey
 from uw_visibility.water.meaning.assessment import Assessor, Visibility
 from uw_visibility.water.series.survey import Survey, SurveyEstimate
@@ -242,7 +241,7 @@ class WaterFilter:
     def _make_survey(self) -> Survey | LampSurvey:
         config, clear_water = self.config, self._assessor.clear_water_attenuation
         if self._by_lamps:
-            return LampSurvey(config.survey, NodeEstimator(config.lighting, clear_water))
+            return LampSurvey(config.survey, config.lighting, clear_water)
         return Survey(config.survey, WaterEstimator(
             config.water, clear_water, config.camera.transfer, self._assessor.daylight))
 
