@@ -15,7 +15,7 @@ from scipy.special import logit
 from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.status import Status
-from uw_visibility.water.daylight.network import UNKNOWNS, Mixture, Network, lit
+from uw_visibility.water.daylight.network import UNKNOWNS, Network, lit
 from uw_visibility.water.daylight.statistics import FLOOR, QUANTILES, RANGES, Statistics
 from uw_visibility.water.estimate import one_sigma
 
@@ -91,18 +91,14 @@ def infer(network: Network, statistics: Statistics) -> Posterior:
     covariance = (
         np.tensordot(mixture.weight, mixture.covariance, 1)
         + (mixture.weight[:, np.newaxis] * away).T @ away)
-    draws, weight = _draw(mixture)
+    # The same number of draws of each component.
+    draws = mixture.mean[:, np.newaxis] + _standard_normal() @ np.linalg.cholesky(
+        mixture.covariance).swapaxes(1, 2)
+    draws = draws.reshape(-1, 3, UNKNOWNS)
+    weight = np.repeat(mixture.weight / DRAWS, DRAWS)
     return Posterior(
         mean.reshape(3, UNKNOWNS) + units, covariance, draws + units, weight,
         mixture.other_curve, mixture.lamps, mixture.unlike, _misfit(draws, weight, statistics))
-
-
-def _draw(mixture: Mixture) -> tuple[Array, Array]:
-    """Draws (D, 3, 3), the same number of each component, and their weights."""
-    standard = _standard_normal()
-    draws = mixture.mean[:, np.newaxis] + standard @ np.linalg.cholesky(
-        mixture.covariance).swapaxes(1, 2)
-    return draws.reshape(-1, 3, UNKNOWNS), np.repeat(mixture.weight / DRAWS, DRAWS)
 
 
 @lru_cache(maxsize=1)

@@ -124,8 +124,9 @@ class Network:
         features = standardise(features_of(*statistics[:4]), self.centre, self.spread)
         outputs, logits, flags = _run(self.layers, features)
         other_curve, lamps = expit(flags).mean(axis=0).tolist()
-        return Mixture(
-            *_components(outputs, logits), other_curve, lamps, unlike(features, lit(statistics)))
+        seen = lit(statistics)
+        unlike = float(np.mean(features[np.ix_(seen, PLAIN)]**2)) if seen.any() else 0.0
+        return Mixture(*_components(outputs, logits), other_curve, lamps, unlike)
 
 
 def features_of(
@@ -136,23 +137,16 @@ def features_of(
 
     Takes the arrays of `Statistics`, with any axes before; returns (..., 3, D).
     """
-    own = np.concatenate(
-        (curves(of_bins, of_tiles, of_channels, of_image), of_channels), axis=-1)
+    own = np.concatenate((curves(of_bins, of_tiles, of_channels, of_image), of_channels), axis=-1)
     own[..., SIDEWAYS] = np.abs(own[..., SIDEWAYS])
     others = 0.5 * (own.sum(axis=-2, keepdims=True) - own)
-    image = np.broadcast_to(
-        of_image[..., np.newaxis, :], (*own.shape[:-1], of_image.shape[-1]))
+    image = np.broadcast_to(of_image[..., np.newaxis, :], (*own.shape[:-1], of_image.shape[-1]))
     return np.concatenate((own, others, image), axis=-1)
 
 
 def lit(statistics: Statistics) -> Mask:
     """(3,): channels that have light: few pixels have the code 0."""
     return np.asarray(statistics.of_channels[:, ZEROS] < MAX_CLIPPED_FRACTION)
-
-
-def unlike(features: Array, seen: Mask) -> float:
-    """Mean square of the plain features of the channels seen; 0 without any."""
-    return float(np.mean(features[np.ix_(seen, PLAIN)]**2)) if seen.any() else 0.0
 
 
 def standardise(features: NDArray[Any], centre: Array, spread: Array) -> Array:
@@ -230,8 +224,7 @@ def load(path: Path) -> Network:
         raise InputError(
             f"{path} holds no trained networks: give what `uw_visibility train` wrote") from error
     for first, *others in network.layers:
-        sizes = (
-            first.shape[0], len(network.centre), others[-4].shape[1], others[-2].shape[1])
+        sizes = (first.shape[0], len(network.centre), others[-4].shape[1], others[-2].shape[1])
         if sizes != (FEATURES, FEATURES, COMPONENTS, FLAGS):
             raise InputError(f"{path} is of networks of another form: train anew")
     return network

@@ -157,8 +157,7 @@ class _Prior(NamedTuple):
 
     def cost(self, p: Array) -> float:
         missing = np.maximum(self.least - p[1::2], 0.0) / BEYOND_WHITE
-        return float(
-            0.5 * p @ self.precision @ p - self.right @ p + 0.5 * missing @ missing)
+        return float(0.5 * p @ self.precision @ p - self.right @ p + 0.5 * missing @ missing)
 
     def normal_equations(self, p: Array) -> tuple[Array, Array]:
         """Curvature (6, 6) and descent direction (6,)."""

@@ -268,8 +268,7 @@ def _summarise_bins(
             u = (x + 0.5) / width - 0.5
             middle = u * u + v * v < MIDDLE
             for c in range(3):
-                level = index_of(
-                    (logarithm[c, y, x] - LOWEST) * PER_LEVEL, 0, LEVELS - 1)
+                level = index_of((logarithm[c, y, x] - LOWEST) * PER_LEVEL, 0, LEVELS - 1)
                 counts = levels[i, c]
                 counts[0, level] += 1
                 counts[1, level] += u < 0.0

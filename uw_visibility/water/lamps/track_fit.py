@@ -114,9 +114,7 @@ DEVIATION = np.array([EXPONENT_DEVIATION, *[ATTENUATION] * 3, *[SCATTERING] * 3]
 _PRIOR = 1.0 / DEVIATION**2
 
 
-def _residuals(
-    cells: Sightings, ground: Ways, water: Ways, p: Array
-) -> tuple[Array, Array, Mask]:
+def _residuals(cells: Sightings, ground: Ways, water: Ways, p: Array) -> tuple[Array, Array, Mask]:
     """Residuals ln (E − s S) − ln D less their track's mean, Jacobian, and clear sightings.
 
     (N, 3), (N, 3, 7) and (N, 3).
@@ -219,7 +217,6 @@ def pool_tracks(frames: Sequence[Sightings], most: int) -> tuple[Sightings, NDAr
     share = most / max(total, most)
     keep = several & (np.arange(len(count)) * share % 1.0 < share)
     chosen = keep[track]
-    pooled = replace(
-        pooled.where(chosen), track=np.unique(track[chosen], return_inverse=True)[1])
+    pooled = replace(pooled.where(chosen), track=np.unique(track[chosen], return_inverse=True)[1])
     group = number[chosen] * FRAME_GROUPS // len(frames) * TILES**2 + pooled.tile
     return pooled, np.asarray(group)

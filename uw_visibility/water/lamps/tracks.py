@@ -61,8 +61,8 @@ class Sightings:
 
 
 def observe_points(
-    irradiance: NDArray[np.float32], saturated: Mask,
-    range_map: NDArray[np.float32], rays: Array, points: Array, tracks: NDArray[np.int64],
+    irradiance: NDArray[np.float32], saturated: Mask, range_map: NDArray[np.float32], rays: Array,
+    points: Array, tracks: NDArray[np.int64],
 ) -> Sightings:
     """Light and place of points (N, 2: column and row, px) in one image; bad ones are left out.
 
@@ -170,8 +170,14 @@ class PointTracker:
         self.tracks = np.zeros(0, np.int64)
         self._before: NDArray[np.uint8] | None = None
 
-    def _follow(self, irradiance: NDArray[np.float32]) -> None:
-        """Follow the points into the next image, (H, W, 3) linear RGB, and start new tracks."""
+    def observe(
+        self, irradiance: NDArray[np.float32], saturated: Mask, range_map: NDArray[np.float32],
+        rays: Array,
+    ) -> Sightings:
+        """Follow the points into the next image, start new tracks, and observe all there.
+
+        For what is given see `observe_points`.
+        """
         image = _evened(irradiance)
         if self._before is not None and self._before.shape == image.shape and len(self.points):
             points = self.points.reshape(-1, 1, 2)
@@ -193,13 +199,6 @@ class PointTracker:
             self.tracks = np.concatenate([self.tracks, numbers])
             self.next += len(fresh)
         self._before = image
-
-    def observe(
-        self, irradiance: NDArray[np.float32], saturated: Mask, range_map: NDArray[np.float32],
-        rays: Array,
-    ) -> Sightings:
-        """Follow the points into the next image, and observe them there; see `observe_points`."""
-        self._follow(irradiance)
         return observe_points(
             irradiance, saturated, range_map, rays, self.points.astype(np.float64), self.tracks)
 

@@ -123,8 +123,14 @@ class WaterFilter:
 
     def reset(self) -> None:
         """Reset the filter: earlier frames do not count."""
+        config, clear_water = self.config, self._assessor.clear_water_attenuation
         self._tracker.reset()
-        self._survey = self._make_survey()
+        self._survey: Survey | LampSurvey
+        if self._by_lamps:
+            self._survey = LampSurvey(config.survey, config.lighting, clear_water)
+        else:
+            self._survey = Survey(config.survey, WaterEstimator(
+                config.water, clear_water, config.camera.transfer, self._assessor.daylight))
         self._grey = GreyFrames()
         self._transfer, self._lit = Vote(), Vote()
         self.known: KnownWater | None = None
@@ -237,13 +243,6 @@ class WaterFilter:
         if np.isfinite(water.attenuation).any() and (water.lamps is not None) != by_lamps:
             return WaterEstimate.not_assessable(Status.LIGHT_UNCERTAIN)
         return water
-
-    def _make_survey(self) -> Survey | LampSurvey:
-        config, clear_water = self.config, self._assessor.clear_water_attenuation
-        if self._by_lamps:
-            return LampSurvey(config.survey, config.lighting, clear_water)
-        return Survey(config.survey, WaterEstimator(
-            config.water, clear_water, config.camera.transfer, self._assessor.daylight))
 
 
 def _relative(water: WaterEstimate) -> Array:

@@ -180,9 +180,12 @@ class WaterState:
         self._last = measurement
         self._drift = np.zeros((6, 6))
 
-    def predict(self, elapsed: float, config: TrackingConfig, shown: bool = True) -> None:
+    def predict(self, elapsed: float, config: TrackingConfig, shown: bool) -> None:
         """Grow the covariance over `elapsed` s; `shown`: the new frame shows the water."""
-        alike = self._turbidity()
+        # The same particles are added in all channels, with an attenuation of the mean β.
+        attenuation = np.where(self.known, np.exp(self.mean[ATTENUATION]), np.inf)
+        part = attenuation[self.known].mean() / attenuation
+        alike = np.outer(part, part)
         turbidity = config.turbidity_rate**2 * elapsed * alike
         self.covariance[ATTENUATION, ATTENUATION] += turbidity * (
             1.0 - _CHANNEL_SHARE**2 + _CHANNEL_SHARE**2 * np.eye(3))
@@ -205,15 +208,6 @@ class WaterState:
     def _drifted(self) -> Array:
         """Covariance of changes since the last accepted measurement."""
         return self._unseen**2 * self._drift
-
-    def _turbidity(self) -> Array:
-        """Covariance of ln β, (3, 3), if the same particles are added in all channels.
-
-        It is that of particles with an attenuation of the mean β.
-        """
-        attenuation = np.where(self.known, np.exp(self.mean[ATTENUATION]), np.inf)
-        alike = attenuation[self.known].mean() / attenuation
-        return np.asarray(np.outer(alike, alike))
 
     def accepts(self, measurement: Measurement, probability: float, drifting: bool = True) -> bool:
         """Chi-squared gate: whether a measurement may be one of this state, drifting or not."""
@@ -291,7 +285,7 @@ class WaterState:
         kept = np.eye(6) - gain
         self.mean = self.mean + gain @ (measurement.value - self.mean)
         # This form (Joseph's) holds for any gain, the best one or not.
-        self.covariance = (kept @ self.covariance @ kept.T + gain @ measurement.noise @ gain.T)
+        self.covariance = kept @ self.covariance @ kept.T + gain @ measurement.noise @ gain.T
         self.common = kept @ self.common + gain @ measurement.common
         self._age[measurement.seen] = 0.0
         self._last = measurement

@@ -184,8 +184,7 @@ class SurveyEstimate:
     ) -> SurveyEstimate:
         """Add the number of frames, duration and ranges of a window to an estimate."""
         joined = np.concatenate(ranges or [np.full(1, np.nan)])
-        return cls(
-            water, len(window), window.duration, float(joined.min()), float(joined.max()))
+        return cls(water, len(window), window.duration, float(joined.min()), float(joined.max()))
 
     def __str__(self) -> str:
         return (
