@@ -74,12 +74,12 @@ COARSE = LOCAL + 1
 WITHIN_TILE = LOCAL + 2
 BETWEEN_HALVES = LOCAL + 3
 OF_BIN = BETWEEN_HALVES + len(COMPARED) * HALVES + 1
+OF_CHANNEL = 13
 # Places in `Statistics.of_channels`: open water's light, its scatter, its probability; noise;
 # contrast; colour and level of the brightest; parts of the pixels that are clipped, and 0; optical
 # thickness of clear water; open water's light above, near the scene, and its contrast.
 (WATER, WATER_SCATTER, IS_WATER, NOISE, CONTRAST, COLOUR, BRIGHTNESS, CLIPPED, ZEROS, CLEAR,
- UPPER_WATER, LOWER_WATER, WATER_CONTRAST) = range(13)
-OF_CHANNEL = 13
+ UPPER_WATER, LOWER_WATER, WATER_CONTRAST) = range(OF_CHANNEL)
 # Mean rows of the upper and lower half of open water, by place in `Statistics.of_image`.
 UPPER_ROW, LOWER_ROW = 6, 7
 # Places in `Statistics.of_tiles`, after the channels: weight and mean row.

@@ -22,11 +22,11 @@ MIN_CODES = 4.0
 # Attenuation is not assessable if its standard deviation is beyond both.
 MAX_STDDEV = 0.1
 MAX_RELATIVE_STDDEV = 0.75
-# Standard deviations beyond which an attenuation below clear water's is refuted.
-CLEARER = 3.0
-# Standard deviations, and part of attenuation, by which the steps' estimates may differ. They share
-# most of the image, and so most of their errors.
-STEPS_APART, STEPS_APART_PART = 3.0, 0.25
+# Standard deviations beyond which a contradiction is not by chance.
+SIGNIFICANT = 3.0
+# Part of attenuation by which the steps' estimates may differ. They share most of the image, and so
+# most of their errors.
+STEPS_APART = 0.25
 
 
 def refuse_frame(envelope: Envelopes, min_range_ratio: float) -> Status:
@@ -85,10 +85,10 @@ def refute_clearness(attenuation: Array, covariance: Array, clear_water: Array) 
     NaN for unknown channels; `covariance` (3, 3) of β.
     """
     missing = clear_water - attenuation
-    beyond = missing > CLEARER * np.sqrt(np.diag(covariance))
+    beyond = missing > SIGNIFICANT * np.sqrt(np.diag(covariance))
     known = np.isfinite(missing)
     # Mean attenuation by particles, α < 0 (eq. 9).
-    together = missing[known].sum() > CLEARER * np.sqrt(covariance[np.ix_(known, known)].sum())
+    together = missing[known].sum() > SIGNIFICANT * np.sqrt(covariance[np.ix_(known, known)].sum())
     return Status.CLEARER_THAN_CLEAR_WATER if (beyond.any() or together) else Status.OK
 
 
@@ -101,8 +101,7 @@ def compare_steps(first: WaterEstimate, second: WaterEstimate) -> WaterEstimate:
     apart = first.attenuation - second.attenuation
     deviation = np.hypot(first.attenuation_stddev, second.attenuation_stddev)
     # Comparisons with NaN are false.
-    contradicted = (apart > STEPS_APART * deviation) & (
-        apart > STEPS_APART_PART * second.attenuation)
+    contradicted = (apart > SIGNIFICANT * deviation) & (apart > STEPS_APART * second.attenuation)
     if not contradicted.any():
         return second
     return WaterEstimate.not_assessable(Status.STEPS_DISAGREE, second.envelope)

@@ -36,8 +36,8 @@ MOST_STDDEV = 0.2
 # Deviations of the priors: of places (m), axes (rad), and the logarithm of one lamp's power over
 # another's.
 PLACE, AXIS, RATIO = 0.5, math.radians(10.0), 0.1
-# Steps of the fit at most.
-MOST_STEPS = 100
+# Steps of the fit at most, and that of derivatives.
+MOST_STEPS, STEP = 100, 1e-4
 # Scatter of ln E at the start.
 SCATTER = 0.1
 # Largest part of the sightings whose own light is limited from below.
@@ -222,9 +222,10 @@ def _assembled(
             f"the water in front of {100 * limited:.0f} % of the points outshines them, so that "
             "lamps cannot be found: record in clearer water, from nearer")
     residual = model.residuals(p) / scatter
+    # By central differences.
     jacobian = np.stack([
-        (model.residuals(p + step) - model.residuals(p - step)) / (2e-4 * scatter)
-        for step in 1e-4 * np.eye(len(p))], axis=2)
+        (model.residuals(p + STEP * unit) - model.residuals(p - STEP * unit)) / (2 * STEP * scatter)
+        for unit in np.eye(len(p))], axis=2)
     # Score and curvature of the weighted loss.
     bread, covariance = track_fit.sandwich(
         jacobian, charbonnier_weight(residual) / track_fit.TOGETHER**2, residual, group,

@@ -30,6 +30,7 @@ from uw_visibility.water.lamps.light import Ways
 from uw_visibility.water.lamps.posterior import (
     ALBEDO,
     EXPONENT_DEVIATION,
+    PARTICLES_DEVIATION,
     REFLECTANCE,
     USUAL_EXPONENT,
 )
@@ -39,8 +40,8 @@ from uw_visibility.water.lamps.tracks import TILES, Sightings
 MOST_SIGHTINGS, FEWEST_SIGHTINGS, LEAST_FRAMES = 3000, 150, 3
 # Deviation of the prior of the logarithm of s.
 SCATTERING = 0.7
-# Median and deviation of the logarithm of attenuation, 1/m.
-USUAL_ATTENUATION, ATTENUATION = math.log(0.3), 1.0
+# Median of the logarithm of attenuation, 1/m.
+USUAL_ATTENUATION = math.log(0.3)
 # Least part of the light that is the ground's own, and that of sightings that count: scattered
 # light has no information on the ground behind it.
 OWN_PART, CLEAR_PART = 0.2, 0.5
@@ -87,7 +88,7 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
         weight = charbonnier_weight(residual / scatter) / (scatter * TOGETHER) ** 2
         curvature = np.einsum("nci,nc,ncj->ij", jacobian, weight, jacobian, optimize=True)
         slope = -np.einsum("nci,nc,nc->i", jacobian, weight, residual, optimize=True)
-        curvature[np.diag_indices(7)] += _PRIOR
+        curvature += np.diag(_PRIOR)
         step = np.clip(np.linalg.solve(curvature, slope - _PRIOR * (p - START)), -0.5, 0.5)
         p = p + step
         if np.abs(step).max() < 1e-3:
@@ -110,7 +111,7 @@ def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFi
 # they are beforehand, and its deviation.
 _BETA, _SCATTERING = slice(1, 4), slice(4, 7)
 START = np.array([USUAL_EXPONENT, *[USUAL_ATTENUATION] * 3, 0.0, 0.0, 0.0])
-DEVIATION = np.array([EXPONENT_DEVIATION, *[ATTENUATION] * 3, *[SCATTERING] * 3])
+DEVIATION = np.array([EXPONENT_DEVIATION, *[PARTICLES_DEVIATION] * 3, *[SCATTERING] * 3])
 _PRIOR = 1.0 / DEVIATION**2
 
 

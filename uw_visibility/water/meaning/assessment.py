@@ -14,7 +14,7 @@ from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.status import Status
-from uw_visibility.water.daylight.validation import MIN_CODES
+from uw_visibility.water.daylight.validation import MIN_CODES, SIGNIFICANT
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.depth import DepthModel
 
@@ -22,8 +22,6 @@ from uw_visibility.water.meaning.depth import DepthModel
 # depth, as a part of the largest depth; beyond, they are refused.
 WIDEST_INTERVAL = 4.0
 MAX_RELATIVE_STDDEV = 0.5
-# Largest distance of the light's colour from that of daylight below water, in standard deviations.
-MAX_COLOUR_ERROR = 3.0
 _NO_DEPTH = (math.nan, math.nan, math.nan)
 
 
@@ -151,9 +149,9 @@ class Assessor:
                 depth, attenuation, estimate.attenuation_stddev[seen], light)
             stddev = math.hypot(precision, of_model)
             # By daylight a channel becomes too dark only far below.
-            deepest = depth + MAX_COLOUR_ERROR * stddev
+            deepest = depth + SIGNIFICANT * stddev
             lost = self._depth.light(deepest, estimate.scene_light, seen) > _least_light(estimate)
-            if colour_error > MAX_COLOUR_ERROR or (lost & ~seen).any():
+            if colour_error > SIGNIFICANT or (lost & ~seen).any():
                 return Status.NO_DAYLIGHT_COLOUR, _NO_DEPTH
         if not stddev <= MAX_RELATIVE_STDDEV * self._config.max_depth:
             return Status.AMBIENT_LIGHT_UNBOUNDED, _NO_DEPTH
