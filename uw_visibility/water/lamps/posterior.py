@@ -135,32 +135,18 @@ class LampPosterior:
     veil: Array
 
 
-class _LightOfDay(NamedTuple):
-    """Daylight at nodes for one attenuation, over the light of lamps of power 1.
-
-    Irradiance of white ground at the camera, (3,); ln of the ground's light, ln of the veil and its
-    derivative by β, (N, 3) each.
-    """
-
-    white: Array
-    from_ground: Array
-    veil: Array
-    slope: Array
-
-
 class _Light(NamedTuple):
-    """ln D and ln S at nodes for one attenuation, and their derivatives.
+    """Light of lamps of power 1 at nodes for one attenuation, and daylight over it.
 
-    ln D at the usual exponent, d ln D / dk, the path −d ln D / dβ, ln S and d ln S / dβ, (N, 3)
-    each.
+    ln of the light from the ground and from the water, and its derivatives by β, (2, L, N, 3) each:
+    ln D at the usual exponent and ln S of the lamps, then of daylight, where there is any.
+    d ln D / dk, (N, 3). Irradiance of white ground by daylight at the camera, (3,); 0 without.
     """
 
-    direct: Array
+    logs: Array
+    by_attenuation: Array
     by_exponent: Array
-    path: Array
-    scattered: Array
-    slope: Array
-    day: _LightOfDay | None
+    white: Array
 
 
 # Depths, m, whose colour of daylight in clear water starts the fit; each is as probable as no
@@ -264,18 +250,19 @@ class _Scene:
         near, far = self.log_scattered[low, channel], self.log_scattered[low + 1, channel]
         scattered = ((1 - part)[:, np.newaxis] * near + part[:, np.newaxis] * far).T
         slope = ((far - near) / step[:, np.newaxis]).T
-        by_day = None if depth is None else self._daylight(
-            attenuation, (clear_water.min() - clear_water) * depth, direct)
-        return _Light(direct, by_exponent, path, scattered, slope, by_day)
-
-    def _daylight(self, attenuation: Array, colour: Array, direct: Array) -> _LightOfDay:
-        """Daylight of a colour, given as logarithm, as strong as the lamps at the median range."""
-        path = attenuation * self.range[:, np.newaxis]
-        level = float((np.median(direct, axis=0) + np.median(path, axis=0)).mean())
-        light, left = level + colour, np.exp(-path)
-        return _LightOfDay(
-            np.exp(light), light - path, light + np.log(DAYLIGHT_VEIL * (1.0 - left)),
-            self.range[:, np.newaxis] * left / (1.0 - left))
+        logs, by_attenuation = np.array([[direct], [scattered]]), np.array([[-path], [slope]])
+        if depth is None:
+            return _Light(logs, by_attenuation, by_exponent, np.zeros(3))
+        # Daylight of the depth's colour, as strong as the lamps at the median range.
+        distance = np.repeat(self.range[:, np.newaxis], 3, axis=1)
+        lost = attenuation * distance
+        level = float((np.median(direct, axis=0) + np.median(lost, axis=0)).mean())
+        light, left = level + (clear_water.min() - clear_water) * depth, np.exp(-lost)
+        veil = light + np.log(DAYLIGHT_VEIL * (1.0 - left))
+        return _Light(
+            np.append(logs, [[light - lost], [veil]], axis=1),
+            np.append(by_attenuation, [[-distance], [distance * left / (1.0 - left)]], axis=1),
+            by_exponent, np.exp(light))
 
     def parts(self, light: _Light, to_channels: Array, usual: float) -> tuple[Array, Array]:
         """Logarithms of the light's parts, (2, L, N, 3), and derivatives by parameters of `fit`.
@@ -284,24 +271,21 @@ class _Scene:
         Derivatives are (2, L, N, 3, P). `to_channels` (3, 2) maps the first two parameters to
         changes of β; `usual` is ln of the usual amount of scattered light.
         """
-        mean = light.path.mean(axis=1)
-        trend = (mean - mean.mean()) / max(float(mean.std()), 1e-6)
+        path = -light.by_attenuation[0, 0].mean(axis=1)
+        trend = (path - path.mean()) / max(float(path.std()), 1e-6)
         moved, bent = self.moved.shape[1], self.course.shape[1]
-        kinds, count = (1, 0) if light.day is None else (2, 8)
-        count += 9 + moved + bent
-        ground, water = changes = np.zeros((2, kinds, *light.path.shape, count))
+        by_day = light.logs.shape[1] > 1
+        count = 9 + moved + bent + 8 * by_day
+        ground, water = changes = np.zeros((*light.logs.shape, count))
+        changes[..., :2] = light.by_attenuation[..., np.newaxis] * to_channels
         ground[..., -3:] = trend[:, np.newaxis, np.newaxis] * np.eye(3)
         water[..., -6:-3] = np.eye(3)
-        ground[0, ..., :2] = -light.path[..., np.newaxis] * to_channels
         ground[0, ..., 2] = light.by_exponent
         ground[0, ..., 3:3 + moved] = self.moved[:, np.newaxis]
-        water[0, ..., :2] = light.slope[..., np.newaxis] * to_channels
         water[0, ..., 3 + moved:3 + moved + bent] = self.course[:, np.newaxis]
-        logs = np.array([[light.direct], [light.scattered + usual]])
-        if light.day is not None:
-            logs = np.append(logs, [[light.day.from_ground], [light.day.veil]], axis=1)
-            ground[1, ..., :2] = -self.range[:, np.newaxis, np.newaxis] * to_channels
-            water[1, ..., :2] = light.day.slope[..., np.newaxis] * to_channels
+        logs = light.logs.copy()
+        logs[1, 0] += usual
+        if by_day:
             water[1, ..., -6:-3] = 0.0
             ground[1, ..., _DAYLIGHT] = water[1, ..., _DAYLIGHT] = _DAYLIGHT_CHANGE
             water[1, ..., _VEIL] = _VEIL_CHANGE
@@ -415,15 +399,16 @@ def _summed(
     p, light = best.parameters, scene.light(best.attenuation, clear_water, depth)
     amount = _usual_scattering(best.particles) + p[-6:-3]
     cosine = (USUAL_EXPONENT + p[2]) * light.by_exponent
-    direct = light.direct + light.by_exponent * p[2]
-    scattered, daylight, veil = light.scattered + amount, np.zeros(3), np.zeros(3)
-    if light.day is not None:
+    ground, water = light.logs
+    direct, scattered = ground[0] + light.by_exponent * p[2], water[0] + amount
+    daylight = veil = np.zeros(3)
+    if depth is not None:
         change, over_light = _DAYLIGHT_CHANGE @ p[_DAYLIGHT], _VEIL_CHANGE @ p[_VEIL]
-        both = np.logaddexp(direct, light.day.from_ground + change)
+        both = np.logaddexp(direct, ground[1] + change)
         cosine *= np.exp(direct - both)
-        direct, daylight = both, light.day.white * np.exp(change)
+        direct, daylight = both, light.white * np.exp(change)
         veil = DAYLIGHT_VEIL * daylight * np.exp(over_light)
-        scattered = np.logaddexp(scattered, light.day.veil + change + over_light)
+        scattered = np.logaddexp(scattered, water[1] + change + over_light)
     log_level = np.median(scene.log_light - np.logaddexp(direct, scattered), axis=0)
     level = np.exp(log_level)
     # Images are restored with ground facing the lamps.
