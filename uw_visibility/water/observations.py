@@ -13,7 +13,7 @@ from scipy.special import ndtri
 
 from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
-from uw_visibility.images.arrays import Array, Mask
+from uw_visibility.images.arrays import Array
 from uw_visibility.optics.transfer import linear_table
 from uw_visibility.water.blocks import FEWEST_OF_BIN, Blocks, known_ranges, place_by_range
 
@@ -87,10 +87,7 @@ class Envelopes:
         return float(near[at]), float(self.range[at])
 
 
-def observe(
-    blocks: Blocks, range_error: float = 0.0,
-    known: tuple[Mask, NDArray[np.float32]] | None = None,
-) -> Envelopes:
+def observe(blocks: Blocks, range_error: float = 0.0) -> Envelopes:
     """Bin blocks by range and take the envelopes of each bin and channel (eq. 4-5).
 
     Parameters
@@ -98,15 +95,13 @@ def observe(
     blocks : Blocks
     range_error : float
         Standard deviation of range over its square, 1/m; 0 for exact ranges.
-    known : tuple, optional
-        `known_ranges` of the blocks, if computed before.
 
     Returns
     -------
     Envelopes
         May have no bin.
     """
-    near, order = known or known_ranges(blocks)
+    near, order = known_ranges(blocks)
     counted = np.isfinite(blocks.light[..., 0])
     red, green, blue = np.moveaxis(blocks.light, 2, 0)
     # NaN, where a block does not count, equals nothing.

@@ -26,7 +26,6 @@ from uw_visibility.water.blocks import (
     BLOCKS_KEPT,
     Blocks,
     away_from_edges,
-    known_ranges,
     reduce_to_blocks,
     thinned,
     with_ranges,
@@ -142,12 +141,11 @@ class WaterEstimator:
         self, blocks: Blocks, range_error: float, appearance: Callable[[], Appearance] | None = None
     ) -> WaterEstimate:
         """Estimate from blocks of one image or of several; `range_error` in 1/m."""
-        ranges = known_ranges(blocks)
-        envelope = observe(blocks, range_error, ranges)
+        envelope = observe(blocks, range_error)
         reason = refuse_frame(envelope, self._config.min_range_ratio)
         if reason is not Status.OK:
             return WaterEstimate.not_assessable(reason, envelope)
-        statistics = summarise(blocks, range_error, self._clear_water, appearance, ranges)
+        statistics = summarise(blocks, range_error, self._clear_water, appearance)
         if statistics is None:
             return WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS, envelope)
         networks = self._networks

@@ -159,7 +159,6 @@ def appearance_of(light: NDArray[np.float32]) -> Appearance:
 def summarise(
     blocks: Blocks, range_error: float, clear_water: Array,
     appearance: Callable[[], Appearance] | None = None,
-    known: tuple[Mask, NDArray[np.float32]] | None = None,
 ) -> Statistics | None:
     """Summarise an image and its ranges; None where too few ranges are known.
 
@@ -172,10 +171,8 @@ def summarise(
         κ, 1/m.
     appearance : callable, optional
         Returns `appearance_of` the blocks' light, if computed before.
-    known : tuple, optional
-        `known_ranges` of the blocks, if computed before.
     """
-    near, order = known or known_ranges(blocks)
+    near, order = known_ranges(blocks)
     if len(order) < FEWEST_BLOCKS:
         return None
     counted, brightest, relative, logarithm, contrast, texture, smooth = (

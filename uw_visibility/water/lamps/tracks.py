@@ -247,10 +247,10 @@ class GroundView:
         top = np.iinfo(pixels.dtype).max
         _, clipped = cv2.threshold(pixels, top - 1, 255, cv2.THRESH_BINARY)
         codes = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
-        ranges = range_map[step // 2::step, step // 2::step][:size[1], :size[0]]
+        middles = np.s_[step // 2:step * size[1]:step, step // 2:step * size[0]:step]
+        ranges = range_map[middles]
         if view.valid is not None:
-            known = view.valid[step // 2::step, step // 2::step][:size[1], :size[0]]
-            ranges = np.where(known, ranges, np.float32(np.nan))
+            ranges = np.where(view.valid[middles], ranges, np.float32(np.nan))
         corners = np.array([rays[0, 0], rays[-1, -1]])
         tangents = corners[:, :2] / corners[:, 2:]
         # From the middle of the first pixel to that of the first sample.
