@@ -185,17 +185,17 @@ def infer(
         return None
     # Consecutive frames show the same ground: they count as one frame with all ranges.
     fitted = fitted._replace(evidence=fitted.evidence / len(frames))
-    scene = _Scene(frames, list(lighting.lamps()), lighting)
+    scene = _Scene(frames, lighting, clear_water)
     depths = (None, *DEPTHS) if lighting.model == "both" else (None,)
-    grids = [_over_grid(scene, clear_water, depth, fitted) for depth in depths]
-    return _summed(grids, depths, scene, clear_water, seen)
+    grids = [_over_grid(scene, depth, fitted) for depth in depths]
+    return _summed(grids, depths, scene, seen)
 
 
 class _Scene:
-    """Nodes of frames, and their light by lamps."""
+    """Nodes of frames, and their light by lamps in water that is at best clear, κ, (3,), 1/m."""
 
     def __init__(
-        self, frames: Sequence[Nodes], lamps: list[Lamp], lighting: LightingConfig
+        self, frames: Sequence[Nodes], lighting: LightingConfig, clear_water: Array
     ) -> None:
         def joined(name: str) -> Array:
             return np.concatenate([getattr(nodes, name) for nodes in frames], axis=0)
@@ -205,15 +205,16 @@ class _Scene:
         self.variance = joined("variance")
         self.range = joined("range")
         self.log_scattered = np.concatenate([nodes.log_scattered for nodes in frames], axis=2)
+        self.clear_water = clear_water
         directions, normals = joined("direction"), joined("normal")
-        self._ground = Ways.by_ground(directions, self.range, normals, lamps)
-        self.moved = self._main_directions(directions, normals, lamps, lighting)
+        self._ground = Ways.by_ground(directions, self.range, normals, list(lighting.lamps()))
+        self.moved = self._main_directions(directions, normals, lighting)
         course = np.column_stack((np.log(self.range), directions[:, :2]))
         course -= course.mean(axis=0)
         self.course = COURSE_DEVIATION * course / np.maximum(course.std(axis=0), 1e-6)
 
     def _main_directions(
-        self, directions: Array, normals: Array, lamps: list[Lamp], lighting: LightingConfig
+        self, directions: Array, normals: Array, lighting: LightingConfig
     ) -> Array:
         """Principal components of ln D by lamps off by a standard deviation, (N, M)."""
 
@@ -224,6 +225,7 @@ class _Scene:
             light, _, _ = grey.sum(np.exp([USUAL_PARTICLES]), USUAL_EXPONENT)
             return np.log(light[:, 0])
 
+        lamps = list(lighting.lamps())
         rigs = displaced(lamps, lighting.position_stddev, lighting.direction_stddev)
         rigs.append([
             lamp._replace(beam_angle=min(lamp.beam_angle * (1.0 + BEAM_DEVIATION), 360.0))
@@ -238,8 +240,8 @@ class _Scene:
             changes - changes.mean(axis=1, keepdims=True), full_matrices=False)
         return np.ascontiguousarray((left[:, :DIRECTIONS].T @ changes).T)
 
-    def light(self, attenuation: Array, clear_water: Array, depth: float | None) -> _Light:
-        """Light at attenuations (3,), of lamps and daylight; `clear_water` is κ, (3,)."""
+    def light(self, attenuation: Array, depth: float | None) -> _Light:
+        """Light at attenuations (3,), of lamps and of daylight at a depth, m."""
         rough, lambertian = (
             np.log(self._ground.sum(attenuation, exponent)[0]) for exponent in (0.0, 1.0))
         by_exponent = lambertian - rough
@@ -257,7 +259,8 @@ class _Scene:
         distance = np.repeat(self.range[:, np.newaxis], 3, axis=1)
         lost = attenuation * distance
         level = float((np.median(direct, axis=0) + np.median(lost, axis=0)).mean())
-        light, left = level + (clear_water.min() - clear_water) * depth, np.exp(-lost)
+        colour = (self.clear_water.min() - self.clear_water) * depth
+        light, left = level + colour, np.exp(-lost)
         veil = light + np.log(DAYLIGHT_VEIL * (1.0 - left))
         return _Light(
             np.append(logs, [[light - lost], [veil]], axis=1),
@@ -313,9 +316,7 @@ class _Fit(NamedTuple):
     texture: Array
 
 
-def _over_grid(
-    scene: _Scene, clear_water: Array, depth: float | None, fitted: Fitted
-) -> list[_Fit]:
+def _over_grid(scene: _Scene, depth: float | None, fitted: Fitted) -> list[_Fit]:
     """Fit the other unknowns over `PARTICLES`, each started at its neighbours; refine the best.
 
     `depth`, m, gives the colour of daylight; None without daylight.
@@ -323,11 +324,12 @@ def _over_grid(
     A frame may have two solutions, with much scattered light and with little. Starting from one
     side finds only one of them.
     """
+    clear_water = scene.clear_water
 
     def fit_at(particles: float, start: _Fit | None) -> _Fit:
         apart = np.hypot(CHANNEL_DEVIATION * particles, CLEAR_WATER_DEVIATION * clear_water)
         to_channels = (_BETWEEN_CHANNELS * apart).T
-        light = scene.light(clear_water + particles, clear_water, depth)
+        light = scene.light(clear_water + particles, depth)
         logs, changes = scene.parts(light, to_channels, _usual_scattering(particles))
         p, texture = np.zeros(changes.shape[-1]), np.zeros((scene.details.levels, 3, 3))
         if start is not None:
@@ -378,8 +380,7 @@ def _expected(particles: float) -> float:
 
 
 def _summed(
-    grids: Sequence[list[_Fit]], depths: Sequence[float | None], scene: _Scene, clear_water: Array,
-    seen: Mask,
+    grids: Sequence[list[_Fit]], depths: Sequence[float | None], scene: _Scene, seen: Mask
 ) -> LampPosterior | None:
     """Sum the posterior over the grid, interpolated, and over kinds of daylight."""
     fine = np.linspace(math.log(PARTICLES[0]), math.log(PARTICLES[-1]), FINE)
@@ -396,7 +397,7 @@ def _summed(
     most = int(np.argmax(weight))
     grid, depth = grids[most // FINE], depths[most // FINE]
     best = min(grid, key=lambda each: abs(math.log(each.particles) - fine[most % FINE]))
-    p, light = best.parameters, scene.light(best.attenuation, clear_water, depth)
+    p, light = best.parameters, scene.light(best.attenuation, depth)
     amount = _usual_scattering(best.particles) + p[-6:-3]
     cosine = (USUAL_EXPONENT + p[2]) * light.by_exponent
     ground, water = light.logs
