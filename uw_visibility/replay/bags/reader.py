@@ -28,9 +28,26 @@ class BagReader:
 
     A damaged recording is read as far as possible; `damage` lists what is missing.
 
-    path: folder of a ROS 2 bag, one of its files, or file of a ROS 1 bag.
-    channels: topics by name, with the numbers of messages from the indexes of all files.
-    Raises `InputError` if it is not a bag; `UnreadableError` if nothing in a bag can be read.
+    Parameters
+    ----------
+    path : str or Path
+        Folder of a ROS 2 bag, one of its files, or file of a ROS 1 bag.
+
+    Attributes
+    ----------
+    path : Path
+        As given.
+    files : list of Path
+        Files of the recording.
+    ros1 : bool
+        Whether it is a ROS 1 bag.
+    channels : dict of str to Channel
+        Topics by name, with the numbers of messages from the indexes of all files.
+
+    Raises
+    ------
+    InputError
+        If it is not a bag; `UnreadableError` if nothing in a bag can be read.
     """
 
     def __init__(self, path: str | Path) -> None:

@@ -191,9 +191,19 @@ def curves(
 ) -> NDArray[np.float32]:
     """Fit the statistics over range for each attenuation of a grid.
 
-    The arrays are those of `Statistics`, with any axes before. Returns (..., 3, OF_CURVES):
-    statistics of the bins and what was taken away, see `level`; logarithms of residuals and of
-    veils over the grid, where residuals are least, and the decay of contrast.
+    Parameters
+    ----------
+    of_bins : (..., 3, BINS, OF_BIN) float32 ndarray
+    of_tiles : (..., 5, TILES, BINS) float32 ndarray
+    of_channels : (..., 3, OF_CHANNEL) float32 ndarray
+    of_image : (..., OF_IMAGE) float32 ndarray
+        See `Statistics`.
+
+    Returns
+    -------
+    (..., 3, OF_CURVES) float32 ndarray
+        Statistics of the bins and what was taken away, see `level`; logarithms of residuals and of
+        veils over the grid, where residuals are least, and the decay of contrast.
     """
     distance = np.exp(of_image[..., RANGES])
     of_bins, of_tiles, seen, slope = level(of_bins, of_tiles, of_channels, of_image)

@@ -105,11 +105,23 @@ class WaterEstimator:
     ) -> WaterEstimate:
         """Estimate attenuation and ambient light from plain arrays.
 
-        `image` (H, W, 3) holds RGB code values, uint8 or uint16, or linear irradiance 0..1,
-        float32; an (H, W) image has no colour and is not assessable. `range_map` (H, W) is the
-        range along the line of sight, m, NaN where unknown; `valid` (H, W) are the valid pixels.
-        `range_error` is as in `StereoRig.range_error`, 0 for exact ranges: measured ranges that are
-        passed as exact bias the attenuation. Raises `InputError` if shapes or types do not fit.
+        Parameters
+        ----------
+        image : (H, W, 3) ndarray of uint8, uint16 or float32
+            RGB code values; float32 is linear irradiance 0..1. A (H, W) image
+            has no colour and is not assessable.
+        range_map : (H, W) ndarray of float
+            Range along the line of sight, m; NaN where unknown.
+        valid : (H, W) bool ndarray, optional
+            Valid pixels.
+        range_error : float
+            Standard deviation of range over its square, 1/m, see `StereoRig.range_error`; 0 for
+            exact ranges. Measured ranges that are passed as exact bias the attenuation.
+
+        Raises
+        ------
+        InputError
+            If shapes or types do not fit.
         """
         valid = check_arrays(image, range_map, valid)
         image = image[..., 0] if image.shape[2:] == (1,) else image

@@ -467,15 +467,29 @@ def fit(
     and Taylor 1989, doi:10.1080/01621459.1989.10478852), with the covariance of ln ρ of each scale
     fitted along.
 
-    `log_light` and `variances` (N, 3) are ln E and its variance; `logs` (2, L, N, 3) is ln of the
-    light's parts, from the ground and from the water, and `changes` (2, L, N, 3, P) their
-    derivatives by `p`. Updated are `p` (P,): differences of β (2), change of the exponent,
-    displacements of lamps (M), variation of scattered light (K), ln of daylight and of its veil (4
-    and 4, where there is any), ln of the amount of scattered light over the usual one (3) and
-    trends of ln ρ (3); and `texture` (L, 3, 3), the covariance of ln ρ of each scale.
+    Parameters
+    ----------
+    log_light, variances : (N, 3) float64 ndarray
+        ln E and its variance.
+    logs : (2, L, N, 3) float64 ndarray
+        ln of the light's parts, from the ground and from the water.
+    changes : (2, L, N, 3, P) float64 ndarray
+        Their derivatives by `p`.
+    details : Details
+    fitted : Fitted
+    p : (P,) float64 ndarray
+        Differences of β (2), change of the exponent, displacements of lamps (M), variation of
+        scattered light (K), ln of daylight and of its veil (4 and 4, where there is any), ln of the
+        amount of scattered light over the usual one (3) and trends of ln ρ (3). Updated.
+    texture : (L, 3, 3) float64 ndarray
+        Covariance of ln ρ of each scale; updated.
 
-    Returns the logarithm of the evidence, NaN where the fit fails, and the precision of `p`,
-    (P, P).
+    Returns
+    -------
+    float
+        Logarithm of the evidence; NaN where the fit fails.
+    (P, P) float64 ndarray
+        Precision of `p`.
     """
     _, lights, number, _, count = changes.shape
     residual, share = np.empty((number, 3)), np.empty((number, 3))
