@@ -36,38 +36,19 @@ MARK_OF_BLACK = 1 << 32
 
 
 class Blocks(NamedTuple):
-    """An image reduced to blocks.
+    """An image reduced to blocks."""
 
-    Attributes
-    ----------
-    light : (h, w, 3) float32 ndarray
-        Mean irradiance; NaN where a block holds pixels that do not count.
-    range : (h, w) float32 ndarray
-        Mean range, m; NaN where unknown, or where surfaces meet.
-    known : float
-        Part of the counted blocks whose range is known, surfaces that meet among them.
-    clipped, black : (3,) float64 ndarray
-        Part of the pixels at the largest and at the smallest code value.
-    noise : (3,) float64 ndarray
-        Standard deviation of a pixel's noise, irradiance at middle grey.
-    encoded, deep : bool
-        Whether codes are sRGB, and of 16 bit.
-    side : int
-        Side of a block, in pixels of the camera.
-    step : float
-        Step of the camera's codes, as a part of full scale.
-    """
-
+    # (h, w, 3), mean irradiance; NaN where a block holds pixels that do not count
     light: NDArray[np.float32]
-    range: NDArray[np.float32]
-    known: float
-    clipped: Array
-    black: Array
-    noise: Array
-    encoded: bool
-    deep: bool
-    side: int = 1
-    step: float = 1.0 / 255.0
+    range: NDArray[np.float32]  # (h, w), mean range, m; NaN where unknown, or where surfaces meet
+    known: float  # part of the counted blocks whose range is known, surfaces that meet among them
+    clipped: Array  # (3,), part of the pixels at the largest code value
+    black: Array  # (3,), part of the pixels at the smallest code value
+    noise: Array  # (3,), standard deviation of a pixel's noise, irradiance at middle grey
+    encoded: bool  # whether codes are sRGB
+    deep: bool  # whether codes are of 16 bit
+    side: int = 1  # side of a block, in pixels of the camera
+    step: float = 1.0 / 255.0  # step of the camera's codes, as a part of full scale
 
 
 def reduce_to_blocks(

@@ -26,31 +26,15 @@ BRIGHT_RADIANCE = 0.9
 
 @dataclass(frozen=True)
 class LampLight:
-    """Light of lamps and water, with which images under lamps are restored.
+    """Light of lamps and water, with which images under lamps are restored."""
 
-    Attributes
-    ----------
-    attenuation : (3,) float64 ndarray
-        β, 1/m.
-    power : (3,) float64 ndarray
-        Irradiance of white at 1 m of a lamp of relative power 1, without water.
-    scattering : (3,) float64 ndarray
-        Irradiance of the light that the water scatters, over the tables'.
-    daylight, veil : (3,) float64 ndarray
-        Irradiance of white by daylight, and of the water at infinity; 0 without.
-    nodes : Nodes or None
-        Nodes of the frame, for a survey.
-    ground : GroundView or None
-        Reduced frame, in which a survey tracks points of the ground.
-    """
-
-    attenuation: Array
-    power: Array
-    scattering: Array
-    daylight: Array
-    veil: Array
-    nodes: Nodes | None = None
-    ground: GroundView | None = None
+    attenuation: Array  # (3,), β, 1/m
+    power: Array  # (3,), irradiance of white at 1 m of a lamp of relative power 1, without water
+    scattering: Array  # (3,), irradiance of the light that the water scatters, over the tables'
+    daylight: Array  # (3,), irradiance of white by daylight; 0 without
+    veil: Array  # (3,), irradiance of the water at infinity by daylight; 0 without
+    nodes: Nodes | None = None  # nodes of the frame, for a survey
+    ground: GroundView | None = None  # reduced frame, in which a survey tracks points of the ground
 
 
 @dataclass(frozen=True)

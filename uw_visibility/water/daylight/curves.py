@@ -74,31 +74,17 @@ CONTRASTS = (LOCAL, COARSE, WITHIN_TILE)
 
 
 class GridFit(NamedTuple):
-    """One fit of the light model over the grid, see `_fit_veil`.
+    """One fit of the light model over the grid, see `_fit_veil`."""
 
-    Attributes
-    ----------
-    quantiles : tuple of int
-        What is fitted, from the first place in QUANTILES to before the last; tiles where empty.
-    of_water : float
-        Weight of open water.
-    gradient, black : bool
-        Whether the veil has a gradient, and surfaces are black.
-    keeps_veil : bool
-        Whether the network sees the veil too.
-    growth : float
-        Rate at which the veil grows with range, over β: multiple scattering makes it slower.
-    exponent : float
-        Of irradiance, for cameras whose curve is another than was told.
-    """
-
+    # what is fitted, from the first place in QUANTILES to before the last; tiles where empty
     quantiles: tuple[int, int] | tuple[()]
-    of_water: float = 0.0
-    gradient: bool = False
-    black: bool = False
-    keeps_veil: bool = False
+    of_water: float = 0.0  # weight of open water
+    gradient: bool = False  # whether the veil has a gradient
+    black: bool = False  # whether surfaces are black
+    keeps_veil: bool = False  # whether the network sees the veil too
+    # rate at which the veil grows with range, over β: multiple scattering makes it slower
     growth: float = 1.0
-    exponent: float = 1.0
+    exponent: float = 1.0  # of irradiance, for cameras whose curve is another than was told
 
 
 FITS = (
@@ -128,23 +114,12 @@ OF_CURVES = (
 
 
 class Levelled(NamedTuple):
-    """Statistics corrected for the veil's gradient, which open water shows.
+    """Statistics corrected for the veil's gradient, which open water shows."""
 
-    Attributes
-    ----------
-    of_bins : (..., 3, BINS, OF_BIN) float32 ndarray
-    of_tiles : (..., 5, TILES, BINS) float32 ndarray
-        See `Statistics`.
-    water : (..., 3, 2) float32 ndarray
-        Light of the two halves of open water; near 0 without.
-    slope : (..., 3) float32 ndarray
-        B_1 that was removed, relative to the brightest.
-    """
-
-    of_bins: NDArray[np.float32]
-    of_tiles: NDArray[np.float32]
-    water: NDArray[np.float32]
-    slope: NDArray[np.float32]
+    of_bins: NDArray[np.float32]  # (..., 3, BINS, OF_BIN), see `Statistics`
+    of_tiles: NDArray[np.float32]  # (..., 5, TILES, BINS), see `Statistics`
+    water: NDArray[np.float32]  # (..., 3, 2), light of the two halves of open water; near 0 without
+    slope: NDArray[np.float32]  # (..., 3), B_1 that was removed, relative to the brightest
 
 
 def level(

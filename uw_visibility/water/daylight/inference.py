@@ -37,32 +37,16 @@ ATTENUATION_AND_VEIL = np.array([0, 1, 3, 4, 6, 7])
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Posterior of the logarithms of attenuation, veil and light.
+    """Posterior of the logarithms of attenuation, veil and light."""
 
-    Attributes
-    ----------
-    mean : (3, 3) float64 ndarray
-        For each channel the means of ln β (1/m), ln B and ln W (irradiance).
-    covariance : (9, 9) float64 ndarray
-        Of the same, channel by channel.
-    draws : (D, 3, 3) float64 ndarray
-        Draws of the same.
-    weight : (D,) float64 ndarray
-        Of the draws; sums to 1.
-    other_curve, lamps, unlike : float
-        See `Mixture`.
-    misfit : float
-        How far the image is from what the draws predict, see `_misfit`.
-    """
-
-    mean: Array
-    covariance: Array
-    draws: Array
-    weight: Array
-    other_curve: float = 0.0
+    mean: Array  # (3, 3), for each channel the means of ln β (1/m), ln B and ln W (irradiance)
+    covariance: Array  # (9, 9), of the same, channel by channel
+    draws: Array  # (D, 3, 3), draws of the same
+    weight: Array  # (D,), of the draws; sums to 1
+    other_curve: float = 0.0  # see `Mixture`, as for the next two
     lamps: float = 0.0
     unlike: float = 0.0
-    misfit: float = 0.0
+    misfit: float = 0.0  # how far the image is from what the draws predict, see `_misfit`
 
     def clearest(self, seen: Mask) -> Array:
         """16, 50 and 84 % of −ln min β over the channels seen; β in 1/m."""

@@ -76,48 +76,28 @@ LEAST_VARIANCE = 1e-5
 
 
 class Mixture(NamedTuple):
-    """Mixture of normal distributions of the nine unknowns, channel by channel.
+    """Mixture of normal distributions of the nine unknowns, channel by channel."""
 
-    Attributes
-    ----------
-    weight : (K,) float64 ndarray
-    mean : (K, 9) float64 ndarray
-    covariance : (K, 9, 9) float64 ndarray
-    other_curve : float
-        Probability that the camera's transfer is not the configured one.
-    lamps : float
-        Probability that lamps light the image instead of daylight.
-    unlike : float
-        Mean square of the standardised statistics; about 1 for images like those of training.
-    """
-
-    weight: Array
-    mean: Array
-    covariance: Array
-    other_curve: float
-    lamps: float
+    weight: Array  # (K,)
+    mean: Array  # (K, 9)
+    covariance: Array  # (K, 9, 9)
+    other_curve: float  # probability that the camera's transfer is not the configured one
+    lamps: float  # probability that lamps light the image instead of daylight
+    # mean square of the standardised statistics; about 1 for images like those of training
     unlike: float
 
 
 @dataclass(frozen=True)
 class Network:
-    """Trained networks whose answers are averaged.
+    """Trained networks whose answers are averaged."""
 
-    Attributes
-    ----------
-    centre, spread : (D,) float64 ndarray
-        Mean and deviation of the features in training.
-    layers : tuple of tuple of float32 ndarray
-        Weights and biases of each network, layer by layer.
-    most_unlike, most_misfit : float
-        Limits of `Posterior.unlike` and `Posterior.misfit`, which nearly all training views keep.
-    """
-
-    centre: Array
-    spread: Array
+    centre: Array  # (D,), mean of the features in training
+    spread: Array  # (D,), their deviation
+    # weights and biases of each network, layer by layer
     layers: tuple[tuple[NDArray[np.float32], ...], ...]
+    # limit of `Posterior.unlike`, which nearly all training views keep
     most_unlike: float = math.inf
-    most_misfit: float = math.inf
+    most_misfit: float = math.inf  # limit of `Posterior.misfit`, likewise
 
     def infer(self, statistics: Statistics) -> Mixture:
         """Infer the posterior of an image's statistics."""

@@ -58,17 +58,10 @@ NOTHING_EXPECTED = 10.0
 
 @dataclass(frozen=True)
 class Daylight:
-    """Daylight prior of the ambient light (eq. 2): I∞ ∝ white · exp(−K z) at some depth z.
+    """Daylight prior of the ambient light (eq. 2): I∞ ∝ white · exp(−K z) at some depth z."""
 
-    Attributes
-    ----------
-    white_reference : (3,) float64 ndarray
-        The camera's R, G, B of white at the surface; the scale is free.
-    diffuse_attenuation : (3,) float64 ndarray or None
-        K of the water above, 1/m; None where it is the estimated attenuation itself.
-    """
-
-    white_reference: Array
+    white_reference: Array  # (3,), the camera's R, G, B of white at the surface; the scale is free
+    # (3,), K of the water above, 1/m; None where it is the estimated attenuation itself
     diffuse_attenuation: Array | None
 
     def colour(self, attenuation: Array) -> tuple[Array, float]:

@@ -93,33 +93,23 @@ OF_IMAGE = SCALARS + 3 * BINS
 
 
 class Statistics(NamedTuple):
-    """Statistics of one image.
+    """Statistics of one image."""
 
-    Attributes
-    ----------
-    of_bins : (3, BINS, OF_BIN) float32 ndarray
-        For each channel and bin: logarithms of the quantiles of irradiance, of contrast between
-        neighbours, over COARSE_STEP and within tiles; differences between halves; whether the bin
-        has statistics.
-    of_tiles : (5, TILES, BINS) float32 ndarray
-        Mean irradiance of each channel by tile and bin; its weight, 0..1; mean row, -0.5 above
-        to 0.5 below.
-    of_channels : (3, OF_CHANNEL) float32 ndarray
-        Open water, noise, brightness, clipped parts, and ln of clear water's optical thickness.
-    of_image : (OF_IMAGE,) float32 ndarray
-        Median range, known part, range error, open water, ranges, counts and rows of bins.
-    brightest : (3,) float64 ndarray
-        Irradiance that the quantiles are relative to.
-    median_range : float
-        m.
-    """
-
+    # (3, BINS, OF_BIN), for each channel and bin: logarithms of the quantiles of irradiance, of
+    # contrast between neighbours, over COARSE_STEP and within tiles; differences between halves;
+    # whether the bin has statistics
     of_bins: NDArray[np.float32]
+    # (5, TILES, BINS), mean irradiance of each channel by tile and bin; its weight, 0..1; mean
+    # row, -0.5 above to 0.5 below
     of_tiles: NDArray[np.float32]
+    # (3, OF_CHANNEL), open water, noise, brightness, clipped parts, and ln of clear water's
+    # optical thickness
     of_channels: NDArray[np.float32]
+    # (OF_IMAGE,), median range, known part, range error, open water, ranges, counts and rows of
+    # bins
     of_image: NDArray[np.float32]
-    brightest: Array
-    median_range: float
+    brightest: Array  # (3,), irradiance that the quantiles are relative to
+    median_range: float  # m
 
 
 class Appearance(NamedTuple):

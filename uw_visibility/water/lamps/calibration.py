@@ -49,38 +49,19 @@ PLACE_ERROR, AXIS_ERROR, BEAM_ERROR, BETA_ERROR = 0.03, 3.0, 0.12, 0.03
 
 @dataclass(frozen=True)
 class LampCalibration:
-    """Calibrated lamps, with standard deviations.
-
-    Attributes
-    ----------
-    lamps : tuple of Lamp
-    position_stddev : (L, 3) float64 ndarray
-        m.
-    direction_stddev : (L,) float64 ndarray
-        Larger of an axis' two deviations, degrees.
-    beam_stddev : float
-        Of the beams' angles, as a fraction; 0 for lamps without a beam.
-    attenuation, attenuation_stddev : (3,) float64 ndarray
-        β, 1/m, of the recording's water.
-    scatter : float
-        Standard deviation of ln E about the fit.
-    range : (N,) float64 ndarray
-        Of the sightings, m.
-    before, after : (N, 3) float64 ndarray
-        ln of light over the model's, minus the mean of each point, with guessed and calibrated
-        lamps.
-    """
+    """Calibrated lamps, with standard deviations."""
 
     lamps: tuple[Lamp, ...]
-    position_stddev: Array
-    direction_stddev: Array
-    beam_stddev: float
-    attenuation: Array
-    attenuation_stddev: Array
-    scatter: float
-    range: Array
+    position_stddev: Array  # (L, 3), m
+    direction_stddev: Array  # (L,), larger of an axis' two deviations, degrees
+    beam_stddev: float  # of the beams' angles, as a fraction; 0 for lamps without a beam
+    attenuation: Array  # (3,), β of the recording's water, 1/m
+    attenuation_stddev: Array  # (3,), 1/m
+    scatter: float  # standard deviation of ln E about the fit
+    range: Array  # (N,), of the sightings, m
+    # (N, 3), ln of light over the model's with guessed lamps, minus the mean of each point
     before: Array
-    after: Array
+    after: Array  # (N, 3), the same with calibrated lamps
 
     def parameters(self) -> dict[str, object]:
         """Return the lamps as parameters, by dotted name."""

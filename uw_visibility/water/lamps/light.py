@@ -18,24 +18,13 @@ STEPS = 10
 
 
 class Ways(NamedTuple):
-    """K paths of light by way of each of N places to the camera.
+    """K paths of light by way of each of N places to the camera."""
 
-    Attributes
-    ----------
-    colour : (K, 3) float64 ndarray
-        Relative power of the lamp in R, G, B.
-    light : (K, N) float64 ndarray
-        g/r²; for water times the phase function and the length of the line of sight, m.
-    path : (K, N) float64 ndarray
-        From the lamp to the camera, m.
-    log_cosine : (K, N) float64 ndarray
-        Logarithm of the cosine of incidence; 0 for water.
-    """
-
-    colour: Array
+    colour: Array  # (K, 3), relative power of the lamp in R, G, B
+    # (K, N), g/r²; for water times the phase function and the length of the line of sight, m
     light: Array
-    path: Array
-    log_cosine: Array
+    path: Array  # (K, N), from the lamp to the camera, m
+    log_cosine: Array  # (K, N), logarithm of the cosine of incidence; 0 for water
 
     @classmethod
     def by_ground(

@@ -38,37 +38,17 @@ LEAST_NOISE = 0.25
 
 @dataclass(frozen=True)
 class Nodes:
-    """Nodes of a frame under lamps.
+    """Nodes of a frame under lamps."""
 
-    Attributes
-    ----------
-    place : (N, 2) int64 ndarray
-        Row and column in the grid of nodes.
-    light : (N, 3) float64 ndarray
-        Mean linear irradiance, RGB.
-    bright : (N, 3) float64 ndarray
-        Irradiance of its brightest blocks of pixels, see `BRIGHT_BLOCKS`.
-    variance : (N, 3) float64 ndarray
-        Variance of ln irradiance by noise and clipping.
-    range : (N,) float64 ndarray
-        m.
-    direction, normal : (N, 3) float64 ndarray
-        Unit vectors: line of sight, and the surface's normal, towards the camera.
-    log_scattered : (K, 3, N) float64 ndarray
-        ln S of `LampTables` there.
-    log_far : (K, 3) float64 ndarray
-        ln S at infinity in the image's middle.
-    """
-
-    place: Indices
-    light: Array
-    bright: Array
-    variance: Array
-    range: Array
-    direction: Array
-    normal: Array
-    log_scattered: Array
-    log_far: Array
+    place: Indices  # (N, 2), row and column in the grid of nodes
+    light: Array  # (N, 3), mean linear irradiance, RGB
+    bright: Array  # (N, 3), irradiance of its brightest blocks of pixels, see `BRIGHT_BLOCKS`
+    variance: Array  # (N, 3), variance of ln irradiance by noise and clipping
+    range: Array  # (N,), m
+    direction: Array  # (N, 3), unit vectors of the lines of sight
+    normal: Array  # (N, 3), unit vectors of the surface's normal, towards the camera
+    log_scattered: Array  # (K, 3, N), ln S of `LampTables` there
+    log_far: Array  # (K, 3), ln S at infinity in the image's middle
 
     def __post_init__(self) -> None:
         """Refuse arrays of inconsistent shape."""

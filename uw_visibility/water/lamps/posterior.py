@@ -72,17 +72,10 @@ BRIGHT_NODES = 0.7
 
 
 class Fitted(NamedTuple):
-    """Numbers fitted by `python -m uw_visibility_lab.posterior.lamps`: most likely over nights.
+    """Numbers fitted by `python -m uw_visibility_lab.posterior.lamps`: most likely over nights."""
 
-    Attributes
-    ----------
-    evidence : float
-        Part of the nodes' differences that counts as independent.
-    trend : float
-        Standard deviation of the trend of ln ρ along the path, over that of the random field.
-    """
-
-    evidence: float = 0.133
+    evidence: float = 0.133  # part of the nodes' differences that counts as independent
+    # standard deviation of the trend of ln ρ along the path, over that of the random field
     trend: float = 3.0
 
 
@@ -102,37 +95,17 @@ _BETWEEN_CHANNELS = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2
 
 @dataclass(frozen=True, eq=False)
 class LampPosterior:
-    """Posterior of attenuation under lamps.
+    """Posterior of attenuation under lamps."""
 
-    Attributes
-    ----------
-    log_attenuation : (3,) float64 ndarray
-        Mean of ln β, β in 1/m.
-    covariance : (3, 3) float64 ndarray
-        Of ln β.
-    clearest : (3,) float64 ndarray
-        16, 50 and 84 % of −ln min β over the channels seen.
-    exponent : float
-        k.
-    power : (3,) float64 ndarray
-        Irradiance of white at 1 m from a lamp of power 1, without water.
-    scattering : (3,) float64 ndarray
-        s.
-    scattering_stddev : (3,) float64 ndarray
-        Of ln s.
-    daylight, veil : (3,) float64 ndarray
-        Irradiance of white by daylight, and its veil at infinity; 0 without.
-    """
-
-    log_attenuation: Array
-    covariance: Array
-    clearest: Array
-    exponent: float
-    power: Array
-    scattering: Array
-    scattering_stddev: Array
-    daylight: Array
-    veil: Array
+    log_attenuation: Array  # (3,), mean of ln β, β in 1/m
+    covariance: Array  # (3, 3), of ln β
+    clearest: Array  # (3,), 16, 50 and 84 % of −ln min β over the channels seen
+    exponent: float  # k
+    power: Array  # (3,), irradiance of white at 1 m from a lamp of power 1, without water
+    scattering: Array  # (3,), s
+    scattering_stddev: Array  # (3,), of ln s
+    daylight: Array  # (3,), irradiance of white by daylight; 0 without
+    veil: Array  # (3,), irradiance of daylight's veil at infinity; 0 without
 
 
 class _Light(NamedTuple):

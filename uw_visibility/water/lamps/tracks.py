@@ -31,29 +31,15 @@ TILES = 4
 
 @dataclass(frozen=True)
 class Sightings:
-    """Points of the ground as frames saw them.
+    """Points of the ground as frames saw them."""
 
-    Attributes
-    ----------
-    light : (N, 3) float64 ndarray
-        Mean linear irradiance around the point, RGB.
-    direction, normal : (N, 3) float64 ndarray
-        Unit vectors: line of sight, and the ground's normal, towards the camera.
-    range : (N,) float64 ndarray
-        m.
-    spread : (N,) float64 ndarray
-        Half the width of the patch that the light is the mean of, over the range.
-    track, tile : (N,) int64 ndarray
-        Number of the point, and its part of the image.
-    """
-
-    light: Array
-    direction: Array
-    normal: Array
-    range: Array
-    spread: Array
-    track: NDArray[np.int64]
-    tile: NDArray[np.int64]
+    light: Array  # (N, 3), mean linear irradiance around the point, RGB
+    direction: Array  # (N, 3), unit vectors of the lines of sight
+    normal: Array  # (N, 3), unit vectors of the ground's normal, towards the camera
+    range: Array  # (N,), m
+    spread: Array  # (N,), half the width of the patch that the light is the mean of, over the range
+    track: NDArray[np.int64]  # (N,), number of the point
+    tile: NDArray[np.int64]  # (N,), its part of the image
 
     def where(self, chosen: Mask) -> Sightings:
         """Those that a mask (N,) chooses."""
@@ -212,24 +198,13 @@ def _evened(irradiance: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 @dataclass(frozen=True, eq=False)
 class GroundView:
-    """A frame at reduced size, in which a survey looks for known points of the ground.
+    """A frame at reduced size, in which a survey looks for known points of the ground."""
 
-    Attributes
-    ----------
-    irradiance : (h, w, 3) float16 ndarray
-        Linear, RGB.
-    saturated : (h, w) bool ndarray
-    range : (h, w) float16 ndarray
-        m; NaN where unknown.
-    low, high : (2,) float64 ndarray
-        x/z and y/z of the lines of sight through the middles of the first and the last sample.
-    """
-
-    irradiance: NDArray[np.float16]
-    saturated: Mask
-    range: NDArray[np.float16]
-    low: Array
-    high: Array
+    irradiance: NDArray[np.float16]  # (h, w, 3), linear, RGB
+    saturated: Mask  # (h, w)
+    range: NDArray[np.float16]  # (h, w), m; NaN where unknown
+    low: Array  # (2,), x/z and y/z of the line of sight through the middle of the first sample
+    high: Array  # (2,), the same of the last sample
 
     @classmethod
     def of(cls, view: View, range_map: NDArray[np.float32], rays: Array) -> GroundView:

@@ -31,43 +31,22 @@ FEWEST_FRAMES = 10
 
 @dataclass(frozen=True)
 class Candidate:
-    """Candidate water type with the white reference that fits it best.
+    """Candidate water type with the white reference that fits it best."""
 
-    Attributes
-    ----------
-    water_type : str
-        As in `assessment.water_type`.
-    white_reference, white_reference_stddev : (3,) float64 ndarray
-        R, G, B of white at the surface, and their standard deviations; G is 1.
-    depth_rms : float
-        Robust root mean square of estimated minus sensed depth, m.
-    """
-
-    water_type: str
-    white_reference: Array
-    white_reference_stddev: Array
-    depth_rms: float
+    water_type: str  # as in `assessment.water_type`
+    white_reference: Array  # (3,), R, G, B of white at the surface; G is 1
+    white_reference_stddev: Array  # (3,)
+    depth_rms: float  # robust root mean square of estimated minus sensed depth, m
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Result of `calibrate`.
+    """Result of `calibrate`."""
 
-    Attributes
-    ----------
-    best : Candidate
-        Clear water unless another type is certainly better.
-    candidates : tuple of Candidate
-        All, by rising `depth_rms`.
-    residuals : (N,) float64 ndarray
-        Estimated minus sensed depth of each frame used, with `best`, m.
-    depth_range : tuple of float
-        Least and largest depth sensed, m; a narrow range hardly tells the water type.
-    """
-
-    best: Candidate
-    candidates: tuple[Candidate, ...]
-    residuals: Array
+    best: Candidate  # clear water unless another type is certainly better
+    candidates: tuple[Candidate, ...]  # all, by rising `depth_rms`
+    residuals: Array  # (N,), estimated minus sensed depth of each frame used, with `best`, m
+    # least and largest depth sensed, m; a narrow range hardly tells the water type
     depth_range: tuple[float, float]
 
     def parameters(self) -> dict[str, str | tuple[float, ...]]:

@@ -47,23 +47,12 @@ LIGHT = slice(1, 6, 2)
 
 @dataclass(frozen=True)
 class Measurement:
-    """Measurement of the filter: a frame's ln β and ln I∞, with the two parts of their error.
+    """Measurement of the filter: a frame's ln β and ln I∞, with the two parts of their error."""
 
-    Attributes
-    ----------
-    seen : (3,) bool ndarray
-        Channels that were assessed.
-    value : (6,) float64 ndarray
-    noise : (6, 6) float64 ndarray
-        Covariance of the error that is new in each frame.
-    common : (6, 6) float64 ndarray
-        Root of the covariance of the error that all frames share.
-    """
-
-    seen: Mask
-    value: Array
-    noise: Array
-    common: Array
+    seen: Mask  # (3,), channels that were assessed
+    value: Array  # (6,)
+    noise: Array  # (6, 6), covariance of the error that is new in each frame
+    common: Array  # (6, 6), root of the covariance of the error that all frames share
 
     @property
     def covariance(self) -> Array:

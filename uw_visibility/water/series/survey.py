@@ -88,19 +88,11 @@ CHANGE_LIMIT = 5.0
 
 @dataclass(frozen=True)
 class FrameEnvelopes:
-    """Envelopes of a frame, and the level of its bright envelope.
-
-    Attributes
-    ----------
-    level : (3,) float64 ndarray
-        Geometric mean of the bright envelope over range, in each channel.
-    blocks : Blocks
-        Some rows of the frame's blocks of pixels.
-    """
+    """Envelopes of a frame, and the level of its bright envelope."""
 
     envelope: Envelopes
-    level: Array
-    blocks: Blocks
+    level: Array  # (3,), geometric mean of the bright envelope over range, in each channel
+    blocks: Blocks  # some rows of the frame's blocks of pixels
 
     @classmethod
     def of(cls, water: WaterEstimate) -> FrameEnvelopes | None:
@@ -158,25 +150,14 @@ MOST_DECISIVE = 2
 
 @dataclass(frozen=True)
 class SurveyEstimate:
-    """Estimate of the water from several frames.
+    """Estimate of the water from several frames."""
 
-    Attributes
-    ----------
-    water : WaterEstimate
-        With the ambient light of the newest frame; its status says what is missing.
-    frames : int
-        Number of frames used.
-    duration : float
-        Time from the first to the last of them, s.
-    range_min, range_max : float
-        Nearest and farthest range among them, m; NaN without any.
-    """
-
+    # with the ambient light of the newest frame; its status says what is missing
     water: WaterEstimate
-    frames: int
-    duration: float
-    range_min: float
-    range_max: float
+    frames: int  # number of frames used
+    duration: float  # time from the first to the last of them, s
+    range_min: float  # nearest range among them, m; NaN without any
+    range_max: float  # farthest range among them, m; NaN without any
 
     @classmethod
     def of(
