@@ -72,13 +72,13 @@ def load_scene(folder: str | Path) -> Scene:
     """Load a scene in the form of Middlebury 2005 or 2006.
 
     ``view1`` and ``view5`` are the left and the right image, ``disp1.png`` and ``disp5.png``
-    their disparities, 0 where unknown. The scale follows from the image's width, see
-    `size_divisor`. Without ``disp5.png`` the left disparity is warped to the right.
+    their disparities, 0 where unknown. Images of less than 500 px have a third of the full size,
+    of less than 800 px half of it. Without ``disp5.png`` the left disparity is warped to the right.
     """
     folder = Path(folder)
     left, right = (_read_image(folder, name) for name in ("view1", "view5"))
     height, width = left.shape[:2]
-    scale = size_divisor(width)
+    scale = 3 if width < 500 else 2 if width < 800 else 1
     disparity_left = read_disparity(folder / "disp1.png", scale)
     if (folder / "disp5.png").is_file():
         disparity_right = read_disparity(folder / "disp5.png", scale)
@@ -95,14 +95,6 @@ def load_scene(folder: str | Path) -> Scene:
         rig=StereoRig(
             FULL_SIZE_FOCAL_LENGTH / scale, BASELINE, ((width - 1) / 2, (height - 1) / 2)),
     )
-
-
-def size_divisor(width: int) -> int:
-    """Return the factor by which a scene is smaller than full size, by its width in px.
-
-    Below 500 px it is 3, below 800 px 2, else 1.
-    """
-    return 3 if width < 500 else 2 if width < 800 else 1
 
 
 def read_disparity(path: Path, scale: int) -> DisparityMap:

@@ -181,17 +181,13 @@ def main() -> None:
     fitted, left_out = (
         [render_series(transect, workers) for transect in transects.values()]
         for transects in (FITTED, LEFT_OUT))
-    camera = rounded(fit(fitted))
+    # Two digits: the series do not determine more.
+    camera = Camera(*(float(f"{value:.2g}") for value in fit(fitted)))
     print("fitted to " + "; ".join(FITTED))
     print(f"CAMERA = {camera}")
     for name, each in {"fitted": camera, "the package's": CAMERA}.items():
         print(f"log likelihood, {name}: {log_likelihood(each, fitted):.1f}, "
               f"left out {log_likelihood(each, left_out):.1f}")
-
-
-def rounded(camera: Camera) -> Camera:
-    """Round constants to two digits: the series do not determine more."""
-    return Camera(*(float(f"{value:.2g}") for value in camera))
 
 
 if __name__ == "__main__":

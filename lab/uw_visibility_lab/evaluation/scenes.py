@@ -30,7 +30,6 @@ FULL_SIZE_WIDTH = 1000
 ALTITUDE = 1.6
 TILT = np.radians(30.0)
 
-
 Source: TypeAlias = Path | int
 """Folder of a Middlebury-like scene, or seed of a rendered one."""
 
