@@ -274,19 +274,15 @@ def _usual_scattering(particles: float) -> float:
 
 
 class _Fit(NamedTuple):
-    """Fit at one attenuation by particles, 1/m; `evidence` is a logarithm.
+    """Fit at one attenuation by particles."""
 
-    β and its covariance, the parameters of `fit`, the variance of ln of the amount of scattered
-    light, and the texture.
-    """
-
-    particles: float
-    evidence: float
-    attenuation: Array
-    covariance: Array
-    parameters: Array
-    scattering_variance: Array
-    texture: Array
+    particles: float  # 1/m
+    evidence: float  # logarithm
+    attenuation: Array  # (3,), β
+    covariance: Array  # (3, 3), of β
+    parameters: Array  # (P,), see `fit`
+    scattering_variance: Array  # (3,), of ln of the amount of scattered light
+    texture: Array  # (L, 3, 3), see `fit`
 
 
 def _over_grid(scene: _Scene, depth: float | None, fitted: Fitted) -> list[_Fit]:
