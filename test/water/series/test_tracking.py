@@ -140,6 +140,25 @@ def test_frames_that_say_the_same_twice_leave_the_state_where_it_is():
     assert tracker.event is TrackingEvent.UPDATED
 
 
+class Exact:
+    """In place of random numbers: estimates without errors."""
+
+    standard_normal = staticmethod(np.zeros)
+
+
+def test_rising_and_falling_attenuation_are_followed_alike():
+    """Errors are factors of β: a frame of turbid water has the weight of one of clear water."""
+    moved = []
+    for before, after in ((1.0, 1.3), (1.3, 1.0)):
+        tracker = WaterTracker()
+        tracker.update(drawn(Exact, before * BETA), 0.0)
+        out = tracker.update(drawn(Exact, after * BETA), PERIOD)
+        moved.append(np.log(out.attenuation / (before * BETA)) / math.log(after / before))
+    np.testing.assert_allclose(moved[0], moved[1], rtol=1e-9)
+    assert (np.array(moved) > 0.3).all()
+    assert (np.array(moved) < 0.9).all()
+
+
 def test_one_outlier_changes_nothing():
     rng = np.random.default_rng(3)
     tracker, stamp = settled(rng)
