@@ -43,7 +43,7 @@ class Posterior:
     covariance: Array  # (9, 9), of the same, channel by channel
     draws: Array  # (D, 3, 3), draws of the same
     weight: Array  # (D,), of the draws; sums to 1
-    other_curve: float = 0.0  # see `Mixture`, as for the next two
+    other_curve: float = 0.0  # these three: see `Mixture`
     lamps: float = 0.0
     unlike: float = 0.0
     misfit: float = 0.0  # how far the image is from what the draws predict, see `_misfit`

@@ -114,30 +114,28 @@ class Assessor:
             low, distance, high = self._distance(estimate).tolist()
             if math.isnan(distance) and status is Status.OK:
                 status = Status.ATTENUATION_UNCERTAIN
-        depth_status, depth = estimate.status, _NO_DEPTH
-        if by_lamps:
-            depth_status = Status.NO_DEPTH_BY_LAMPS
-        elif depth_status is not Status.OK:
-            pass
-        elif seen.sum() < 2:
-            depth_status = Status.NO_COLOUR
-        elif estimate.grey_on_average and self._white_is_daylight and estimate.light is not None:
-            depth_status = Status.GREY_ON_AVERAGE
-        else:
-            depth_status, depth = self._assess_depth(estimate, seen)
+        depth_status, depth = self._assess_depth(estimate, seen, by_lamps)
         return Visibility(
             status, depth_status, alpha, alpha_stddev, distance, 0.5 * (high - low), *depth,
             distance_low=low, distance_high=high,
             channels="".join(name for name, there in zip("RGB", seen, strict=True) if there))
 
     def _assess_depth(
-        self, estimate: WaterEstimate, seen: Mask
+        self, estimate: WaterEstimate, seen: Mask, by_lamps: bool
     ) -> tuple[Status, tuple[float, float, float]]:
         """Depth by the colour of daylight, its standard deviation and its precision; or why not.
 
         The colour is that of the scene light, where it is known apart from the veil; then the
         deviation includes the water type above and the camera's white.
         """
+        if by_lamps:
+            return Status.NO_DEPTH_BY_LAMPS, _NO_DEPTH
+        if estimate.status is not Status.OK:
+            return estimate.status, _NO_DEPTH
+        if seen.sum() < 2:
+            return Status.NO_COLOUR, _NO_DEPTH
+        if estimate.grey_on_average and self._white_is_daylight and estimate.light is not None:
+            return Status.GREY_ON_AVERAGE, _NO_DEPTH
         model = self._depth.of_channels(seen)
         attenuation, light = estimate.attenuation[seen], estimate.scene_light[seen]
         both = np.repeat(seen, 2)
