@@ -20,9 +20,9 @@ from uw_visibility.water.lamps.posterior import (
 )
 from uw_visibility_lab.posterior.cases import by_lamps
 from uw_visibility_lab.posterior.judge import estimate_by_lamps
-from uw_visibility_lab.posterior.lamps import observe, reefs, score
+from uw_visibility_lab.posterior.lamps import between_channels, observe, reefs, score
 from uw_visibility_lab.worlds.beliefs import bounds
-from uw_visibility_lab.worlds.scenes import procedural
+from uw_visibility_lab.worlds.scenes import SIZE, Scene, procedural
 from uw_visibility_lab.worlds.water import draw_water
 
 
@@ -51,6 +51,20 @@ def test_declared_lamps_are_as_probable_as_daylight_before_a_frame_is_seen() -> 
     """The networks tell odds for the share of lamps among the views that they were trained on."""
     share = bounds("lamps.share")[0]
     assert math.log(share / (1.0 - share)) + DECLARED == pytest.approx(0.0)
+
+
+def test_scattered_light_over_ground_differs_between_channels_by_colour_and_albedo() -> None:
+    def scenes(colour: tuple[float, float, float]) -> list[Scene]:
+        ground = np.broadcast_to(np.array(colour, np.float32), (*SIZE, 3))
+        ranges = np.linspace(4.0, 1.0, SIZE[0], dtype=np.float32)[:, np.newaxis]
+        return [Scene(
+            "plain", "procedural", ground.copy(), np.repeat(ranges, SIZE[1], axis=1))] * 300
+
+    low, high = bounds("lamps.albedo")
+    albedo = np.log(np.linspace(low, high, 1000)).std() * math.sqrt(2.0 / 3.0)
+    grey, coloured = between_channels(scenes((0.2,) * 3)), between_channels(scenes((0.1, 0.2, 0.4)))
+    assert grey == pytest.approx(albedo, rel=0.1)
+    assert coloured > math.hypot(albedo, 0.3)
 
 
 def test_daylight_beside_lamps_is_expected_as_in_the_waters_that_are_drawn() -> None:

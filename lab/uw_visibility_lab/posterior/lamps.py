@@ -3,7 +3,8 @@
 """Fit the numbers of the posterior under lamps, `uw_visibility.water.lamps.posterior.FITTED`.
 
 python -m uw_visibility_lab.posterior.lamps POOL [CASES]
-prints those of the greatest likelihood over nights of three kinds, by coordinate ascent.
+prints those of the greatest likelihood over nights of three kinds, by coordinate ascent. First it
+prints how much albedo of scattering over reflectance differs between channels, `OF_CHANNELS`.
 """
 
 from __future__ import annotations
@@ -11,12 +12,13 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from uw_visibility.compute.processes import process_pool
@@ -33,16 +35,22 @@ from uw_visibility_lab.simulation.frame import Renderer
 from uw_visibility_lab.simulation.lamps import Lighting, default_rig, lighting_parameters
 from uw_visibility_lab.simulation.scene import reef
 from uw_visibility_lab.simulation.water import CLEAR_WATER, Water
-from uw_visibility_lab.worlds.scenes import load_scene
+from uw_visibility_lab.worlds.beliefs import draw
+from uw_visibility_lab.worlds.draw import Streams, vary
+from uw_visibility_lab.worlds.scenes import Scene, load_scene
 from uw_visibility_lab.worlds.scenes import pool as scenes_of
 
 CASES = 80
+# Scenes that are used of a pool.
+SCENES = 400
 # Camera and depth (m) of the reefs: so deep that there is no daylight, as in the frames.
 CAMERA, DEPTH = StereoCamera(480, 360, 450.0, 0.12), 40.0
 # Seed of nights, and first seed of reefs: others than those of the command `judge`.
 SEED, REEFS = 11, 1000
 # Exponent of reflectance relative to its median: ground as even as sand and rock.
 EVEN = 0.35
+# Patches across a scene, and what is added to reflectance before the logarithm.
+PATCHES, BLACK = 20, 1e-4
 # Factor of a number's steps, least gain of mean ln likelihood by a step, and rounds of all numbers.
 STEP, GAIN, ROUNDS = 1.5, 0.005, 2
 # Errors are limited to this number of deviations, so that wrong nights do not dominate.
@@ -94,6 +102,26 @@ def observe(case: LampCase) -> Night | None:
         lamps.nodes, case.lighting, case.clear_water, case.attenuation)
 
 
+def between_channels(scenes: Sequence[Scene]) -> float:
+    """Standard deviation of ln (albedo / reflectance) of a channel about the channels' mean.
+
+    Reflectance is that of the median patch of a scene, albedo the belief `lamps.albedo`.
+    """
+    found = []
+    for index, scene in enumerate(scenes):
+        streams = Streams(np.random.default_rng((SEED, index)))
+        reflectance, ranges, _ = vary(streams("scene"), scene)
+        side = reflectance.shape[1] // PATCHES
+        shown = np.where(np.isfinite(ranges)[..., np.newaxis], reflectance, np.nan)
+        patches = cv2.resize(
+            shown, None, fx=1.0 / side, fy=1.0 / side, interpolation=cv2.INTER_AREA)
+        scattering = streams("albedo")
+        albedo = [draw(scattering, "lamps.albedo") for _ in range(3)]
+        found.append(np.log(albedo) - np.log(np.nanmedian(patches, axis=(0, 1)) + BLACK))
+    each = np.array(found)
+    return float((each - each.mean(axis=1, keepdims=True)).std())
+
+
 def score(fitted: Fitted, night: Night) -> float:
     """Logarithm of the posterior's density at the true ln β of the clearest channel."""
     found = infer(
@@ -110,7 +138,8 @@ def main() -> None:
     """Print the fitted numbers."""
     if not 2 <= len(sys.argv) <= 3:
         sys.exit("give a folder of scenes (see python -m uw_visibility_lab.worlds) [and cases]")
-    scenes = [load_scene(path) for path in scenes_of(Path(sys.argv[1]))]
+    scenes = [load_scene(path) for path in scenes_of(Path(sys.argv[1]))[:SCENES]]
+    print(f"between channels: {between_channels(scenes):.2f}", flush=True)
     number = int(sys.argv[2]) if len(sys.argv) == 3 else CASES
     kinds = [
         [night for night in map(observe, cases) if night is not None]

@@ -53,8 +53,9 @@ MODEL_DEVIATION = 0.03
 # Reflectance of the ground and scattering over attenuation by particles, for the usual amount of
 # scattered light; deviation of its logarithm: ground of 0.1 to 0.6, scattering of 0.4 to 0.95 and
 # backscattering that differs by a factor of 2 between phase functions (beliefs `albedo`,
-# `lamps.albedo`, `lamps.phase` of the laboratory); the part of single channels.
-REFLECTANCE, ALBEDO, SCATTERING_DEVIATION, OF_CHANNELS = 0.3, 0.7, 1.0, 0.3
+# `lamps.albedo`, `lamps.phase` of the laboratory); the part of single channels, as in the
+# laboratory's scenes (`python -m uw_visibility_lab.posterior.lamps` prints it).
+REFLECTANCE, ALBEDO, SCATTERING_DEVIATION, OF_CHANNELS = 0.3, 0.7, 1.0, 0.5
 # Deviation of ln of scattered light that is linear in ln range, column and row: between the phase
 # functions and beams of the laboratory 0.04 to 0.2.
 COURSE_DEVIATION = 0.1
