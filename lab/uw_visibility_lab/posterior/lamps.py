@@ -139,7 +139,7 @@ def main() -> None:
     if not 2 <= len(sys.argv) <= 3:
         sys.exit("give a folder of scenes (see python -m uw_visibility_lab.worlds) [and cases]")
     scenes = [load_scene(path) for path in scenes_of(Path(sys.argv[1]))[:SCENES]]
-    print(f"between channels: {between_channels(scenes):.2f}", flush=True)
+    print(f"OF_CHANNELS: {between_channels(scenes):.2f}", flush=True)
     number = int(sys.argv[2]) if len(sys.argv) == 3 else CASES
     kinds = [
         [night for night in map(observe, cases) if night is not None]
