@@ -3,14 +3,12 @@
 """Matting: closed forms, holes, edges."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement.matting import refine
-from uw_visibility.errors import InputError
 
 SHAPE = (96, 130)
 
@@ -108,14 +106,6 @@ def test_sixteen_bit_guide_gives_what_eight_bit_gives() -> None:
     eight = refine(coarse, image)
     sixteen = refine(coarse, image.astype(np.uint16) * 257)
     np.testing.assert_allclose(sixteen, eight, atol=1e-2)
-
-
-def test_image_of_another_size_or_type_is_refused() -> None:
-    coarse = np.ones(SHAPE, np.float32)
-    with pytest.raises(InputError, match="does not fit"):
-        refine(coarse, textured(0, (96, 131)))
-    with pytest.raises(InputError, match="8 or 16 bit"):
-        refine(coarse, textured().astype(np.float32))
 
 
 def test_depth_edge_that_the_image_does_not_show_stays_narrow() -> None:

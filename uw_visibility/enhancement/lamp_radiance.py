@@ -15,10 +15,8 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement.grain import find_grain
-from uw_visibility.enhancement.radiance import as_channels, irradiance_noise
-from uw_visibility.errors import InputError
+from uw_visibility.enhancement.radiance import irradiance_noise
 from uw_visibility.images.arrays import Array, RangeMap
-from uw_visibility.images.noise import noise_stddev
 from uw_visibility.optics.lamps import RANGES, LightField
 from uw_visibility.optics.transfer import encode_table, linear_table
 
@@ -43,7 +41,7 @@ class LampRestorer:
         image: NDArray[np.generic],
         range_map: RangeMap,
         field: LightField,
-        noise: Array | None = None,
+        noise: Array,
     ) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
         """Recover the radiance under lamps: the result is as in even, white light.
 
@@ -53,11 +51,7 @@ class LampRestorer:
         infinite ranges count as the farthest one of `field`. A channel with NaN in `field` stays
         unchanged. See `Restorer.restore` for parameters and returned values.
         """
-        planes = as_channels(image, range_map)
-        if planes.shape[2] != 3:
-            raise InputError("restoration under lamps needs three channels: give RGB images")
         decode = linear_table(self._transfer, image.dtype)
-        noise = noise_stddev(image) if noise is None else noise
         # Noise at low irradiance, where gains are large.
         error = irradiance_noise(noise, decode, np.full(3, 1.0 / 64.0, np.float32))
         most = np.maximum(self._config.max_noise / np.maximum(error, 1e-9), _LEAST_GAIN)
@@ -71,13 +65,13 @@ class LampRestorer:
         light = np.ascontiguousarray(np.stack(
             (np.nan_to_num(field.log_direct), np.nan_to_num(field.scattered)), axis=-1
         ).transpose(1, 0, 2, 3, 4), np.float32)
-        enhanced = np.empty(planes.shape, image.dtype)
+        enhanced = np.empty(image.shape, image.dtype)
         limited = np.empty(range_map.shape, np.bool_)
         self._workers.rows(
-            _restore, planes.shape[0], planes, range_map, decode,
+            _restore, len(image), image, range_map, decode,
             encode_table(self._transfer, image.dtype), light, grid,
-            limits.astype(np.float32), known, find_grain(planes, noise, decode), enhanced, limited)
-        return enhanced.reshape(image.shape), limited
+            limits.astype(np.float32), known, find_grain(image, noise, decode), enhanced, limited)
+        return enhanced, limited
 
 
 @njit(nogil=True, error_model="numpy")

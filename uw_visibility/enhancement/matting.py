@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement.guided import Coefficients, Plane, guided
-from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import DisparityMap, Mask
 from uw_visibility.images.cells import fold, spread
 
@@ -66,19 +65,8 @@ def refine(
     -------
     (H, W) float32 ndarray
         Disparity, px, between the smallest and the largest given; all NaN if none is given.
-
-    Raises
-    ------
-    InputError
-        If the image has another size than the map, or is neither uint8 nor uint16.
     """
     config = config or EnhancementConfig()
-    if guide.shape[:2] != coarse.shape:
-        raise InputError(
-            f"image of {guide.shape[1]}x{guide.shape[0]} px does not fit a disparity map of "
-            f"{coarse.shape[1]}x{coarse.shape[0]} px: give both of the same view")
-    if guide.dtype not in (np.dtype(np.uint8), np.dtype(np.uint16)):
-        raise InputError(f"image of type {guide.dtype} cannot guide matting: give 8 or 16 bit")
     known = np.isfinite(coarse)
     if not known.any():
         return np.full(coarse.shape, np.nan, np.float32)

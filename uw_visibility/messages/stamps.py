@@ -14,9 +14,9 @@ from uw_visibility.errors import InputError
 SECOND = 1_000_000_000
 """ns"""
 
-# CDR begins with four bytes, the second of which is the byte order; the stamp of the header
-# follows.
-_CDR_STAMP = 4
+CDR_STAMP = 4
+"""Place of the header's stamp: CDR begins with four bytes, the second of which is the order of
+bytes."""
 
 
 def header_stamp(data: bytes, *, ros1: bool = False) -> int:
@@ -28,21 +28,11 @@ def header_stamp(data: bytes, *, ros1: bool = False) -> int:
         if ros1:
             _, seconds, nanoseconds = struct.unpack_from("<III", data)
         else:
-            seconds, nanoseconds = struct.unpack_from(_stamp_format(data), data, _CDR_STAMP)
+            order = "<" if data[1] & 1 else ">"
+            seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, CDR_STAMP)
     except (struct.error, IndexError) as error:
         raise InputError("a message ends before its stamp") from error
     return int(seconds * SECOND + nanoseconds)
-
-
-def with_stamp(data: bytes, stamp: int) -> bytes:
-    """Return a message in CDR with its header stamp replaced, ns."""
-    changed = bytearray(data)
-    struct.pack_into(_stamp_format(data), changed, _CDR_STAMP, *divmod(stamp, SECOND))
-    return bytes(changed)
-
-
-def _stamp_format(data: bytes) -> str:
-    return ("<" if data[1] & 1 else ">") + "iI"
 
 
 def seconds(nanoseconds: int) -> str:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -88,7 +89,10 @@ def load_response(name_or_path: str | Path) -> CameraResponse:
 
 def response_names() -> list[str]:
     """Return the names of the camera responses that the package ships."""
-    return tables.shipped_names("camera_")
+    files = (entry.name for entry in resources.files("uw_visibility.data").iterdir())
+    return sorted(
+        name.removeprefix("camera_").removesuffix(".csv")
+        for name in files if name.startswith("camera_"))
 
 
 @cache

@@ -25,15 +25,6 @@ def read_shipped(name: str) -> tuple[list[str], list[list[str]]]:
     return parse(text)
 
 
-def shipped_names(prefix: str) -> list[str]:
-    """Return the names of the shipped tables ``<prefix><name>.csv``, sorted."""
-    files = (entry.name for entry in resources.files("uw_visibility.data").iterdir())
-    return sorted(
-        name[len(prefix):-len(".csv")]
-        for name in files
-        if name.startswith(prefix) and name.endswith(".csv"))
-
-
 def read_file(path: Path) -> tuple[list[str], list[list[str]]]:
     """Read a CSV file: its column names and its rows, without ``#`` lines.
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.images.arrays import DisparityMap, PerChannel, Points
+from uw_visibility.images.arrays import DisparityMap, PerChannel
 from uw_visibility.images.network import ONNX
 from uw_visibility.images.view import StereoViews, View, code_value
 from uw_visibility.pipeline.first_step import CoarseEstimate, Scale, reduction_factor
@@ -21,7 +21,7 @@ from uw_visibility.pipeline.result import StageClock
 from uw_visibility.stereo.codec_noise import with_codec_noise
 from uw_visibility.stereo.contrast import LUMA, least_noise_weights
 from uw_visibility.stereo.denoising import ROUNDING
-from uw_visibility.stereo.elas import DenseMatch, SupportPoints
+from uw_visibility.stereo.elas import DenseMatch
 from uw_visibility.stereo.interpolation import fill_gaps, inpaint
 from uw_visibility.stereo.matchers import disparity_limits
 from uw_visibility.stereo.noise_scale import matching_scale, shown
@@ -116,16 +116,6 @@ class SecondStep:
             improved.match.with_occlusions, self._config.enhancement.max_gap, self._workers)
         return self._scales[improved.scale].pyramid.upsample_disparity(inpaint(filled))
 
-    def support_points(self, left: View, right: View) -> Points:
-        """Return the support points of a raw pair, px of the images."""
-        points = self._raw_support(StereoViews(left, right)).points
-        return self._finest.pyramid.upsample_points(points)
-
-    def _raw_support(self, views: StereoViews) -> SupportPoints:
-        scale = self._finest
-        scale.matcher.describe_raw(scale.contrast, *scale.downsample(views))
-        return scale.matcher.support_points()
-
     def _scale(self, factor: int) -> Scale:
         """The scale of a factor, allocated at its first use."""
         if factor not in self._scales:
@@ -198,9 +188,11 @@ class SecondStep:
         return self._scale(factor)
 
     def _match_raw(self, views: StereoViews) -> DisparityMap:
-        support = self._raw_support(views)
-        found = self._finest.matcher.dense_disparity(support, confidence=False).disparity
-        return self._finest.pyramid.upsample_disparity(found)
+        scale = self._finest
+        scale.matcher.describe_raw(scale.contrast, *scale.downsample(views))
+        support = scale.matcher.support_points()
+        found = scale.matcher.dense_disparity(support, confidence=False).disparity
+        return scale.pyramid.upsample_disparity(found)
 
     def _describe_restored(self, scale: Scale, views: StereoViews, coarse: CoarseEstimate) -> None:
         """Describe the pair with its contrast restored, or the raw pair without an estimate.

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import ctypes
 import gc
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -153,7 +152,3 @@ def release_memory() -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the managed node until a signal ends it; see `uw_visibility.ros.run.run`."""
     return run(UwVisibilityLifecycleNode, arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

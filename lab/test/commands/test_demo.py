@@ -22,7 +22,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2")
 pytest.importorskip("rosbags")
 pytest.importorskip("matplotlib")
 
-from uw_visibility.messages.stamps import header_stamp, with_stamp
+from uw_visibility.messages.stamps import header_stamp
 from uw_visibility_lab.demonstration.comparison import QUANTITIES, score, summarize, write_results
 from uw_visibility_lab.demonstration.node_process import NodeDied, NodeProcess
 
@@ -194,6 +194,8 @@ def test_options_that_cannot_be_used_are_one_sentence(
 def test_a_stamp_is_written_where_messages_carry_it() -> None:
     from rclpy.serialization import deserialize_message, serialize_message
     from sensor_msgs.msg import CameraInfo
+
+    from uw_visibility_lab.demonstration.client import with_stamp
 
     data = serialize_message(CameraInfo(width=640, distortion_model="plumb_bob"))
     stamp = 1_700_000_123_456_789_012

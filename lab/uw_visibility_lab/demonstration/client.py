@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import functools
 import math
+import struct
 import threading
 import time
 from collections import defaultdict
@@ -21,7 +22,7 @@ from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from uw_visibility.messages.stamps import header_stamp, with_stamp
+from uw_visibility.messages.stamps import CDR_STAMP, SECOND, header_stamp
 from uw_visibility.ros.transport.factory import message_type
 from uw_visibility_lab.demonstration.node_process import NodeDied
 
@@ -73,6 +74,14 @@ class Player:
         for topic, data in messages.items():
             self._publishers[topic].publish(with_stamp(data, stamp))
         return stamp
+
+
+def with_stamp(data: bytes, stamp: int) -> bytes:
+    """Return a message with its header stamp replaced, ns."""
+    changed = bytearray(data)
+    # rclpy serialises in the order of bytes of this machine.
+    struct.pack_into("=iI", changed, CDR_STAMP, *divmod(stamp, SECOND))
+    return bytes(changed)
 
 
 class Answer(NamedTuple):

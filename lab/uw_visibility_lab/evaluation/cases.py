@@ -25,7 +25,7 @@ from uw_visibility.images.arrays import Array, DisparityMap, Image8, Map, RangeM
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.optics.light_model import ambient_light_at_depth, contrast_gain, radiance_of
 from uw_visibility.optics.transfer import from_linear, to_linear
-from uw_visibility.pipeline.first_step import CoarseEstimate
+from uw_visibility.pipeline.first_step import CoarseEstimate, Scale
 from uw_visibility.pipeline.parts import estimate_water
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import StageClock
@@ -264,12 +264,15 @@ def match_with_truth(
     rig, config = pipeline.rig, pipeline.config
     transfer = config.camera.transfer
     views = StereoViews(View.of(left, transfer), View.of(right, transfer))
-    step = SecondStep(views.left.shape, rig, config, Workers(config.threads))
+    shape, workers = views.left.shape, Workers(config.threads)
+    step = SecondStep(shape, rig, config, workers)
     water = WaterEstimate(
         Status.OK, np.array(truth.attenuation), np.array(truth.ambient_light),
         np.zeros((6, 6)), 0, 0, (Status.OK,) * 3,
     )
-    raw = step.support_points(*views)
+    scale = Scale(config.stereo.reduction, shape, rig, config, workers, config.stereo.matcher)
+    scale.matcher.describe_raw(scale.contrast, *scale.downsample(views))
+    raw = scale.pyramid.upsample_points(scale.matcher.support_points().points)
     known = CoarseEstimate(water, raw, disparity, rig, views.left, np.ones(3), 1.0)
     return step.run(views, known, StageClock()).disparity
 

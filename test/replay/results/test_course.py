@@ -43,7 +43,7 @@ def shares(make: Callable[[Random, int], Array], n: int, runs: int = 50) -> tupl
     """Share of series with a trend, and with two groups."""
     random = np.random.default_rng(n)
     found = [
-        (bool(trend(series, 2.0)), bool(groups(series)))
+        (bool(trend(series)), bool(groups(series)))
         for series in (make(random, n) for _ in range(runs))]
     return tuple(np.mean(found, axis=0))  # type: ignore[return-value]
 
@@ -67,9 +67,9 @@ def test_a_ramp_is_a_trend_and_has_no_groups(n: int) -> None:
     rising, jumps = shares(ramp, n, 30)
     assert rising >= 0.95
     assert jumps <= 0.04
-    first, last = trend(ramp(np.random.default_rng(0), n), 2.0)
+    first, last = trend(ramp(np.random.default_rng(0), n))
     assert (first, last) == pytest.approx((10.7, 14.0), rel=0.1)
-    assert trend(ramp(np.random.default_rng(0), n)[::-1], 2.0) == [last, first]
+    assert trend(ramp(np.random.default_rng(0), n)[::-1]) == [last, first]
 
 
 @pytest.mark.parametrize("n", [40, pytest.param(2000, marks=pytest.mark.long)])
@@ -83,5 +83,5 @@ def test_jumps_between_two_values_are_two_groups(n: int) -> None:
 
 @pytest.mark.parametrize("series", [[], [3.0], [9.0, 25.0, 9.0, 25.0], [5.0] * 50])
 def test_too_few_values_or_one_and_the_same_say_nothing(series: list[float]) -> None:
-    assert trend(np.array(series), 2.0) == []
+    assert trend(np.array(series)) == []
     assert groups(np.array(series)) == []

@@ -14,7 +14,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from uw_visibility.config.files import check_regular
 from uw_visibility.errors import InputError, printable
 from uw_visibility.replay.bags.source import MOST_AT_ONCE
 from uw_visibility.replay.bags.storage import Channel, Part, Recorded
@@ -35,7 +34,6 @@ class SqliteFile:
     """
 
     def __init__(self, path: Path) -> None:
-        check_regular(path, "bag")
         self._path, self._size = path, path.stat().st_size
         self.damage: list[str] = []
         self.channels: list[Channel] = []

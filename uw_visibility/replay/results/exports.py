@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from uw_visibility.errors import cell, needing
 from uw_visibility.images.arrays import Array
 from uw_visibility.messages.stamps import iso_time, seconds
+from uw_visibility.optics.spectra import load_response
+from uw_visibility.optics.water_type import effective_wavelengths
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, Column
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.results.provenance import texts_of
 from uw_visibility.replay.table import Columns
-from uw_visibility.water.meaning.derived import DerivedModel
 
 QUANTITIES = (
     *(f"attenuation_{channel}" for channel in CHANNELS), "mean_attenuation",
@@ -58,7 +59,7 @@ def write_exports(
         more = [TRANSECT] * bool(transects) + [join.column for join in options.joins]
         write_geojson(folder / "frames.geojson", table, more)
     if options.netcdf:
-        wavelengths = DerivedModel(options.pipeline).effective_wavelengths
+        wavelengths = effective_wavelengths(load_response(options.pipeline.camera.response))
         write_netcdf(
             folder / "frames.nc", table, columns, attributes, wavelengths, transects,
             options.attributes)

@@ -154,7 +154,7 @@ def synopsis(
         typical={
             name: np.nanmedian(values, axis=0).tolist() for name, values in quantiles.items()
             if np.isfinite(values).all(axis=1).any()},
-        trend=trend(series, SIGNIFICANT), groups=groups(series),
+        trend=trend(series), groups=groups(series),
         median=float(middle), low=float(low), high=float(high),
         relative_stddev=float(np.median(stddev[known] / distance[known])),
     )
@@ -192,13 +192,12 @@ def _extreme(
         transect, int(columns["frame"][place]), float(distance[place]), float(stddev[place]))
 
 
-def trend(distance: Array, significant: float) -> list[float]:
+def trend(distance: Array) -> list[float]:
     """Return the medians of the first and the last third, m, of a series with a trend.
 
     Empty without a trend. By Kendall's test, with the variance for correlated neighbours.
 
     distance: (n,) float64, m, in the order of time.
-    significant: least value of Kendall's statistic for a trend, in standard deviations.
 
     References
     ----------
@@ -220,7 +219,7 @@ def trend(distance: Array, significant: float) -> list[float]:
     more = 2.0 * ((n - lags) * (n - lags - 1) * (n - lags - 2)) @ alike / (n * (n - 1) * (n - 2))
     variance = n * (n - 1) * (2 * n + 5) / 18.0 * max(1.0 + more, 1.0)
     tau = scipy.stats.kendalltau(time, values).statistic
-    if not abs(tau) * n * (n - 1) / 2.0 > significant * math.sqrt(variance):
+    if not abs(tau) * n * (n - 1) / 2.0 > SIGNIFICANT * math.sqrt(variance):
         return []
     third = -(-len(distance) // 3)
     return [float(np.median(distance[:third])), float(np.median(distance[-third:]))]

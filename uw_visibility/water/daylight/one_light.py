@@ -168,7 +168,8 @@ def _descend(p: Array, envelope: Envelopes, known: Mask, prior: _Prior) -> tuple
     for _ in range(ITERATIONS):
         scales = _scales(p, envelope)
         residuals = _residuals(p, envelope, known, scales)
-        curvature, slope = _normal_equations(residuals)
+        curvature = _squares(residuals.slopes, residuals.weight)
+        slope = _sums(residuals.slopes, residuals.weight * residuals.value)
         of_prior, prior_slope = prior.normal_equations(p)
         before = residuals.cost + prior.cost(p)
         curvature += of_prior
@@ -239,12 +240,6 @@ def _residuals(p: Array, envelope: Envelopes, known: Mask, scales: _Scales) -> _
     weight = np.where(below, 1.0 / (q * sigma) ** 2, 1.0 / (q * sigma**2)) * known
     slopes = np.stack((attenuation * envelope.dark_range * dimmed, light - dimmed))
     return _Residuals(value, weight, slopes, 0.5 * float((cost * known).sum()))
-
-
-def _normal_equations(residuals: _Residuals) -> tuple[Array, Array]:
-    """Curvature (6, 6) and descent direction (6,) of the envelope's cost."""
-    weight = residuals.weight
-    return _squares(residuals.slopes, weight), _sums(residuals.slopes, weight * residuals.value)
 
 
 def _squares(slopes: Array, weight: Array) -> Array:

@@ -73,13 +73,9 @@ def calibrate(
     Raises
     ------
     InputError
-        If the lengths differ, or fewer than ten frames can be used.
+        If fewer than ten frames can be used.
     """
     sensed = np.asarray(depths, dtype=np.float64)
-    if sensed.shape != (len(estimates),):
-        raise InputError(
-            f"there are {len(estimates)} estimates and {sensed.size} depths: "
-            "give one depth for each estimate")
     used = [
         k for k, estimate in enumerate(estimates)
         if estimate.status is Status.OK and math.isfinite(sensed[k])]

@@ -24,7 +24,6 @@ from uw_visibility.optics.water_type import (
     KEPT,
     KEPT_DEVIATION,
     TYPES,
-    effective_wavelengths,
     inherent_properties,
     seen_attenuation,
     water_type,
@@ -152,16 +151,10 @@ class DerivedModel:
     """Model of the field's quantities, given a pipeline's parameters.
 
     Raises `InputError` if the camera's spectral response cannot be loaded.
-
-    Attributes
-    ----------
-    effective_wavelengths : (3,) float64 ndarray
-        Of the channels, nm.
     """
 
     def __init__(self, config: PipelineConfig) -> None:
         response = load_response(config.camera.response)
-        self.effective_wavelengths = effective_wavelengths(response)
         self._types = [water_type(name) for name in TYPES]
         self._attenuation = np.stack([_seen(name, response, KEPT) for name in TYPES])
         # What the scattering that is kept changes in it.
