@@ -133,6 +133,27 @@ def test_where_the_veil_may_differ_from_the_light_a_survey_says_less(alpha, veil
     assert np.mean(relative) < most
 
 
+@pytest.mark.parametrize("exposure", [False, True])
+@pytest.mark.parametrize("veil", [0.3, 1.0])
+def test_light_over_altitude_shows_the_water(veil, exposure):
+    """Frames of one altitude hardly show it, and each may have an exposure of its own."""
+    frames = observed_survey(0, 0.3, "free", veil=veil, amplitude=0.8, exposure=exposure)
+    water = surveyed(frames, "free")[0].estimate().water
+    assert water.status is Status.OK
+    assert np.max(np.abs(np.log(water.attenuation / (KAPPA + 0.3)))) < 0.3
+    assert np.max(water.attenuation_stddev / water.attenuation) < 0.4
+
+
+def test_an_exposure_that_follows_the_altitude_hides_a_part_of_the_attenuation():
+    frames = [
+        (stamp, (image * (25.0 / image.mean())).astype(np.uint8), distance)
+        for stamp, image, distance in survey_frames(0, 0.3, veil=0.3, amplitude=0.8)]
+    water = surveyed(observed(frames, "free"), "free")[0].estimate().water
+    error = np.log(water.attenuation / (KAPPA + 0.3))
+    assert np.min(error) > -0.6
+    assert np.min(error * water.attenuation / water.attenuation_stddev) > -2.0
+
+
 @pytest.mark.parametrize("alpha", [0.1, 0.3])
 def test_over_sand_without_anything_dark_the_deviation_holds(alpha, monkeypatch):
     def sand(rng, length):

@@ -175,7 +175,7 @@ class WaterEstimator:
             status = refuse(status, Status.UNLIKE_TRAINING)
         if posterior.misfit > networks.most_misfit:
             status = refuse(status, Status.NOT_ONE_WATER)
-        if self._config.veil == "paper":
+        if self.one_light:
             found = self._one_light(posterior, blocks, range_error, active, self._daylight)
             estimate = self._validated(*found, envelope, status)
         else:
@@ -188,6 +188,11 @@ class WaterEstimator:
         return replace(
             estimate, transfer_log_odds=float(logit(posterior.other_curve)),
             lamps_log_odds=lamps_log_odds)
+
+    @property
+    def one_light(self) -> bool:
+        """Whether veil and light on the scene are taken as equal."""
+        return self._config.veil == "paper"
 
     @property
     def _networks(self) -> Network:

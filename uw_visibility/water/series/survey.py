@@ -11,6 +11,11 @@ covariance comes from leaving out blocks of frames in turn (delete-a-group jackk
 Künsch 1989, doi:10.1214/aos/1176347265), beside the estimate's own.
 
 Blocks of frames also differ where the water changes within the window.
+
+Frames may differ in exposure, so each is scaled to a common level of light. But where veil and
+surfaces differ in brightness, that level changes with range, which shows the decay. So a trend of
+the level over range is left in. An exposure that follows the altitude hides it, and attenuation is
+too low then. With one light for both (`water.veil: paper`) there is no trend.
 """
 
 from __future__ import annotations
@@ -19,7 +24,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,9 +111,27 @@ class FrameEnvelopes:
         return cls(water.envelope, np.exp(np.nanmean(np.log(known), axis=1)), water.blocks)
 
 
-def median_level(frames: Sequence[FrameEnvelopes]) -> Array:
-    """Median over frames of the bright envelopes' levels, (3,); 1 without frames."""
-    return np.asarray(np.median([f.level for f in frames], axis=0) if frames else np.ones(3))
+class Levels(NamedTuple):
+    """Level of light over the mean range d of frames: ln level = middle + slope · (d − range)."""
+
+    middle: Array  # (3,)
+    slope: Array  # (3,), 1/m
+    range: float  # m
+
+    @classmethod
+    def of(cls, frames: Sequence[FrameEnvelopes], trend: bool) -> Levels:
+        """Least-squares line through the levels of frames; without `trend` their median."""
+        levels = np.log([f.level for f in frames])
+        ranges = np.array([f.envelope.range.mean() for f in frames])
+        away = ranges - ranges.mean()
+        if not trend or not away.any():
+            return cls(np.median(levels, axis=0), np.zeros(3), 0.0)
+        return cls(levels.mean(axis=0), away @ levels / (away @ away), float(ranges.mean()))
+
+    def at(self, frame: FrameEnvelopes) -> Array:
+        """Level at the range of a frame, (3,)."""
+        away = float(frame.envelope.range.mean()) - self.range
+        return np.exp(self.middle + self.slope * away)
 
 
 def mean_of_known(values: Array) -> float:
@@ -184,8 +207,8 @@ class Survey:
     def reset(self) -> None:
         """Forget all frames."""
         self._frames: FrameWindow[FrameEnvelopes] = FrameWindow(self._config)
-        # Stamp of the newest frame, what was estimated, and its level of light.
-        self._last: tuple[float, SurveyEstimate, Array] | None = None
+        # Stamp of the newest frame, what was estimated, and its levels of light.
+        self._last: tuple[float, SurveyEstimate, Levels] | None = None
 
     def add(self, water: WaterEstimate, stamp_seconds: float) -> None:
         """Add a frame's blocks, if any; a stamp (s) not after the last one restarts the survey."""
@@ -198,21 +221,24 @@ class Survey:
         newest = self._frames.newest
         if self._last is None or not newest - self._last[0] < INTERVAL:
             self._last = newest, *self._fresh()
-        _, survey, level = self._last
+        _, survey, levels = self._last
         if not self._frames:
             return survey
-        now = self._frames.items[-1].level
-        return replace(survey, water=_at_level(survey.water, now / level))
+        now = self._frames.items[-1]
+        return replace(survey, water=_at_level(survey.water, now.level / levels.at(now)))
 
-    def _fresh(self) -> tuple[SurveyEstimate, Array]:
-        """Estimate, and the median level of the bright envelopes."""
+    def _fresh(self) -> tuple[SurveyEstimate, Levels]:
+        """Estimate, and the levels of the bright envelopes."""
         frames = self._frames.items
         if len(frames) < self._config.min_frames:
             water = WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
         else:
             water = self._water(frames)
         survey = SurveyEstimate.of(water, self._frames, [f.envelope.range for f in frames])
-        return survey, median_level(frames)
+        return survey, self._levels(frames) if frames else Levels(np.zeros(3), np.zeros(3), 0.0)
+
+    def _levels(self, frames: Sequence[FrameEnvelopes]) -> Levels:
+        return Levels.of(frames, not self._estimator.one_light)
 
     def _water(self, frames: Sequence[FrameEnvelopes]) -> WaterEstimate:
         whole = self._together(frames)
@@ -229,9 +255,9 @@ class Survey:
 
     def _together(self, frames: Sequence[FrameEnvelopes]) -> WaterEstimate:
         """Estimate from frames as from one."""
-        level = median_level(frames)
+        levels = self._levels(frames)
         alike = [f for f in frames if f.blocks.range.shape == frames[-1].blocks.range.shape]
-        blocks = stacked([(f.blocks, level / f.level) for f in alike])
+        blocks = stacked([(f.blocks, levels.at(f) / f.level) for f in alike])
         range_error = float(np.mean([f.envelope.range_error for f in alike]))
         # The jackknife's covariance is added to that of the posterior.
         return replace(self._estimator.estimate_blocks(blocks, range_error), clearest=None)
