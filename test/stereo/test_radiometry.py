@@ -42,6 +42,14 @@ def test_parts_of_a_pixel_count_where_light_rises_to_one_side():
     np.testing.assert_allclose(right_gain(*images, points, "linear"), 1.0, atol=0.003)
 
 
+@pytest.mark.parametrize("deep", [0, 1])
+def test_one_view_may_have_16_bits_and_the_other_8(deep):
+    """As small copies of which one is noisy."""
+    *images, points = pair()
+    images[deep] = np.multiply(images[deep], 257, dtype=np.uint16)
+    np.testing.assert_allclose(right_gain(*images, points, "linear"), GAIN, rtol=0.01)
+
+
 def test_equal_cameras_have_a_gain_of_one():
     left, right, points = pair(gain=1.0)
     np.testing.assert_allclose(right_gain(left, right, points, "linear"), 1.0, atol=0.004)

@@ -23,7 +23,8 @@ _DARK = 0.02
 def right_gain(left: Image, right: Image, points: Points, transfer: str) -> Array:
     """Estimate the gain of the right camera over the left one.
 
-    left, right: (H, W, 3) or (H, W) of uint8 or uint16, the pair.
+    left, right: (H, W, 3) or (H, W) of uint8 or uint16, the pair; a small copy of a noisy view has
+        16 bits, that of the other may have 8.
     points: (N, 3) float32, column and row in the left image, and disparity, px.
     transfer: ``"linear"`` or ``"srgb"``.
     Returns (3,) or (1,) float64, median of the points' ratio of irradiances; 1 for a channel with
@@ -38,10 +39,9 @@ def right_gain(left: Image, right: Image, points: Points, transfer: str) -> Arra
     inside = (v >= _REACH) & (v < height - _REACH) & (u >= _REACH) & (u < width - _REACH)
     inside &= (first >= _REACH) & (first < width - _REACH - 1)
     u, v, first, partner = u[inside], v[inside], first[inside], partner[inside]
-    table = linear_table(transfer, left.dtype)
-    here, clipped = _patch_means(left, u, v, table)
-    near, clipped_near = _patch_means(right, first, v, table)
-    next_to, clipped_next = _patch_means(right, first + 1, v, table)
+    here, clipped = _patch_means(left, u, v, transfer)
+    near, clipped_near = _patch_means(right, first, v, transfer)
+    next_to, clipped_next = _patch_means(right, first + 1, v, transfer)
     part = (partner - first)[:, np.newaxis]
     there = (1.0 - part) * near + part * next_to
     usable = (here > _DARK) & (there > _DARK) & ~(clipped | clipped_near | clipped_next)
@@ -55,9 +55,10 @@ def right_gain(left: Image, right: Image, points: Points, transfer: str) -> Arra
 
 
 def _patch_means(
-    image: Image, u: NDArray[np.int64], v: NDArray[np.int64], table: NDArray[np.float32]
+    image: Image, u: NDArray[np.int64], v: NDArray[np.int64], transfer: str
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return mean irradiance around each point, and whether a pixel there is saturated."""
+    table = linear_table(transfer, image.dtype)
     planes = image[..., np.newaxis] if image.ndim == 2 else image
     y, x = np.mgrid[-_REACH : _REACH + 1, -_REACH : _REACH + 1].reshape(2, -1)
     codes = planes[v[:, np.newaxis] + y, u[:, np.newaxis] + x]
