@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import blurred, in_water, texture
+from scenes import blurred, codes, in_water, stereo_pair, texture
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.config.schema import StereoConfig
@@ -96,10 +96,25 @@ def test_images_too_small_to_be_matched_smaller_stay() -> None:
     assert reduction.downsample(image) is image
 
 
-def test_the_search_covers_the_same_disparities_at_most() -> None:
+def test_the_search_begins_at_the_least_disparity_or_below() -> None:
     config = StereoConfig(min_disparity=5, max_disparity=63)
     found = Pyramid(2, (480, 640)).settings(config)
-    assert (found.min_disparity, found.max_disparity) == (3, 31)
+    assert (found.min_disparity, found.max_disparity) == (2, 31)
+
+
+def test_the_farthest_surfaces_within_the_limits_are_matched_at_any_scale() -> None:
+    """Disparities of 9 to 12 px, of which a search from 12 px finds none."""
+    wide = blurred(texture((288, 500, 3), 4, (8, 24)), 3.0)
+    left, right = stereo_pair(codes(wide / 255.0), np.repeat((20.0, 10.0, 7.0), 96), 420)
+    config = PipelineConfig.from_parameters(
+        {"stereo.reduction": 4, "stereo.min_disparity": 9, "stereo.max_disparity": 63})
+    found = Pipeline(StereoRig(300.0, 0.1, (209.5, 143.5)), config).process(
+        left, right, enhance=()).disparity
+    inner = found[:, 60:360]
+    for rows, truth in ((np.s_[12:84], 20.0), (np.s_[108:180], 10.0)):
+        assert np.isfinite(inner[rows]).mean() > 0.7
+        assert abs(np.nanmedian(inner[rows]) - truth) < 0.4
+    assert np.nanmin(found) >= 9.0
 
 
 def test_the_fast_preset_publishes_full_size_and_true_geometry(

@@ -230,8 +230,10 @@ class SecondStep:
         disparity, confidence, whole = match.disparity, match.confidence, match.with_occlusions
         if scale.factor > 1:
             with clock("full size"):
-                disparity = scale.pyramid.upsample_disparity(disparity)
-                whole = scale.pyramid.upsample_disparity(whole)
+                disparity, whole = map(scale.pyramid.upsample_disparity, (disparity, whole))
+                least, _ = disparity_limits(self._config.stereo, self._shape[1])
+                for found in (disparity, whole):
+                    found[found < least] = np.nan
                 if confidence is not None:
                     confidence = scale.pyramid.upsample_confidence(confidence, disparity)
         return ImprovedDisparity(

@@ -93,10 +93,14 @@ class Pyramid:
         )
 
     def settings(self, config: StereoConfig) -> StereoConfig:
-        """Return the matcher's parameters for the small images."""
+        """Return the matcher's parameters for the small images.
+
+        The least disparity is rounded down, to find the farthest surfaces: they would get a larger
+        disparity instead.
+        """
         return replace(
             config,
-            min_disparity=-(-config.min_disparity // self.factor),
+            min_disparity=config.min_disparity // self.factor,
             max_disparity=config.max_disparity // self.factor,
         )
 
