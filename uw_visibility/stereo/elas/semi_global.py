@@ -189,7 +189,7 @@ def _search_strips(
                 _add_tones(
                     tone_left[y, x], tone, width - 1 - x + low, count, np.uint16(scale),
                     most, fewest, cost, at)
-                visible = min(max(x - BORDER - low + 1, 0), tried)
+                visible = _visible(x, width, low, tried)
                 for k in range(at + visible, at + count):
                     cost[np.uint64(k)] = outside
                 _add_near_plane(plane[y, x], steep[y, x], in_path, low, count, cost, at)
@@ -205,6 +205,12 @@ def _search_strips(
                 _add_near_plane(plane[y, x], steep[y, x], in_sum, low, count, total, x * count)
             _select(
                 total, count, low, tried, best, keys, best_left[y], best_right[y], refined[y])
+
+
+@njit(nogil=True, error_model="numpy", inline="always")
+def _visible(x: int, width: int, low: int, tried: int) -> int:
+    """Number of disparities at a column whose pixels are within the border of both views."""
+    return min(max(x - BORDER - low + 1, 0), tried) if x < width - BORDER else 0
 
 
 @njit(nogil=True, error_model="numpy", inline="always")
@@ -393,7 +399,7 @@ def _select(
     """
     width = best_left.size
     for x in range(width):
-        visible = min(max(x - BORDER - low + 1, 0), tried)
+        visible = _visible(x, width, low, tried)
         for k in range(x * count + visible, (x + 1) * count):
             total[np.uint64(k)] = _UNSEEN
     best[:] = _NOTHING
