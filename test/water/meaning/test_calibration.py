@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """White reference and water type, found again in series whose water is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -113,6 +115,13 @@ def test_frames_without_estimate_or_depth_are_left_out():
     estimates, depths = series()
     estimates[3] = WaterEstimate.not_assessable(Status.TOO_DARK)
     depths[7] = np.nan
-    assert len(calibrate(estimates, depths, RESPONSE).residuals) == 78
+    # Red has ended, which the status of the frame does not say.
+    dark = np.array([np.nan, 1.0, 1.0])
+    estimates[9] = replace(
+        estimates[9], attenuation=dark * TRUE_ATTENUATION,
+        ambient_light=dark * estimates[9].ambient_light)
+    found = calibrate(estimates, depths, RESPONSE)
+    assert len(found.residuals) == 77
+    np.testing.assert_allclose(found.best.white_reference, WHITE, rtol=0.03)
     with pytest.raises(InputError, match="9 of 9 frames"):
         calibrate(*(part[20:29] for part in series()), RESPONSE)

@@ -21,7 +21,6 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
 from uw_visibility.optics.spectra import CameraResponse
 from uw_visibility.optics.water_type import water_types
-from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import covariance_with_light
 from uw_visibility.water.meaning.depth import CLEAR, ESTIMATED, DepthModel, diffuse_attenuation
@@ -63,8 +62,8 @@ def calibrate(
     Parameters
     ----------
     estimates : sequence of WaterEstimate
-        One a frame, in the order of time; those that are not assessable are
-        left out.
+        One a frame, in the order of time; those without an estimate of all
+        channels, as in depths without red light, are left out.
     depths : (N,) array_like
         Depth of the camera at each frame by a sensor, m, positive down; NaN
         where there is none.
@@ -78,10 +77,10 @@ def calibrate(
     sensed = np.asarray(depths, dtype=np.float64)
     used = [
         k for k, estimate in enumerate(estimates)
-        if estimate.status is Status.OK and math.isfinite(sensed[k])]
+        if np.isfinite(estimate.attenuation).all() and math.isfinite(sensed[k])]
     if len(used) < FEWEST_FRAMES:
         raise InputError(
-            f"{len(used)} of {len(estimates)} frames have both an estimate and a depth: "
+            f"{len(used)} of {len(estimates)} frames have a depth and an estimate of all channels: "
             f"a calibration needs {FEWEST_FRAMES} at least")
     chosen, sensed = [estimates[k] for k in used], sensed[used]
     fits = [_fit(name, chosen, sensed, response) for name in (CLEAR, *water_types(), ESTIMATED)]
