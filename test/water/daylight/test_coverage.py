@@ -17,9 +17,10 @@ from uw_visibility.status import Status
 from uw_visibility.water.blocks import reduce_to_blocks
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.inference import infer
-from uw_visibility.water.daylight.network import trained
+from uw_visibility.water.daylight.network import Mixture, trained
 from uw_visibility.water.daylight.statistics import (
     QUANTILES,
+    Statistics,
     summarise,
 )
 from uw_visibility.water.estimate import WaterEstimate
@@ -211,6 +212,38 @@ class TestRefusalsOfThePosterior:
         seen = ASSESSOR.assess(found)
         assert seen.channels == "GB"
         assert seen.distance_low < seen.distance < seen.distance_high
+
+    def test_light_does_not_depend_on_a_channel_without_light(self):
+        """However it is correlated with the others."""
+        one = draw(1)
+        image = one.image.copy()
+        image[..., 0] = 0
+        found = []
+        for correlation in (0.0, 0.8):
+            alike = 0.25 * np.eye(3)
+            alike[1, 2] = alike[2, 1] = 0.2
+            alike[0, 1:] = alike[1:, 0] = 0.25 * correlation
+            covariance = 0.01 * np.eye(9)
+            covariance[2::3, 2::3] = alike
+            mean = np.tile([0.0, -0.5, -0.5], 3)
+            estimator = WaterEstimator(
+                WaterConfig(), KAPPA, network=SaysAlways(mean, covariance))
+            found.append(estimator.estimate(image, one.range, range_error=0.0))
+        np.testing.assert_allclose(found[1].light[1:], found[0].light[1:])
+        np.testing.assert_allclose(
+            found[1].light_covariance[1:, 1:], found[0].light_covariance[1:, 1:])
+
+
+@dataclass
+class SaysAlways:
+    """A network whose posterior is one normal distribution, whatever the image."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    most_unlike = most_misfit = np.inf
+
+    def infer(self, statistics: Statistics) -> Mixture:
+        return Mixture(np.ones(1), self.mean[np.newaxis], self.covariance[np.newaxis], 0.1, 0.01, 1)
 
 
 def estimate(image: np.ndarray, distance: np.ndarray, transfer: str = "linear") -> WaterEstimate:

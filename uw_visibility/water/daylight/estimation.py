@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
@@ -272,15 +273,18 @@ def _light(posterior: Posterior, envelope: Envelopes, known: Mask) -> tuple[Arra
     """
     attenuation, veil, light = np.exp(posterior.mean).T
     covariance = posterior.covariance[2::3, 2::3]
-    white = light.copy()
+    brighter = np.zeros(3)
     for c in np.flatnonzero(known).tolist():
         irradiance, distance = envelope.brightest_near(c)
         gain = contrast_gain(attenuation[c], distance)
         radiance = radiance_of(irradiance, gain, veil[c], light[c])
-        white[c] = light[c] * max(radiance, LEAST_RADIANCE) / BRIGHT_RADIANCE
-    noise = np.eye(3) * WHITE_DEVIATION**2
-    weight = covariance @ np.linalg.inv(covariance + noise)
-    fused = light * np.exp(weight @ np.log(white / light))
+        brighter[c] = math.log(max(radiance, LEAST_RADIANCE) / BRIGHT_RADIANCE)
+    noise = WHITE_DEVIATION**2 * np.eye(int(known.sum()))
+    # Unknown channels show no white.
+    weight = np.zeros((3, 3))
+    weight[:, known] = covariance[:, known] @ np.linalg.inv(
+        covariance[np.ix_(known, known)] + noise)
+    fused = light * np.exp(weight @ brighter)
     fused[~known] = np.nan
     rest = covariance - weight @ covariance
     return fused, np.where(np.outer(known, known), 0.5 * (rest + rest.T), np.nan)
