@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -68,6 +69,8 @@ def test_depth_alone_is_refused_and_only_where_the_white_is_not_measured():
     assert seen.depth_status is Status.OK and seen.depth > 1.0
     assert grey.depth_status is Status.GREY_ON_AVERAGE and math.isnan(grey.depth)
     assert (grey.status, grey.distance) == (Status.OK, seen.distance)
+    one_light = replace(frame(True), light=None, light_covariance=None)
+    assert plain.assess(one_light).depth_status is Status.GREY_ON_AVERAGE
     calibrated = Assessor(
         PipelineConfig.from_parameters({"camera.white_reference": [0.9, 1.0, 1.1]}))
     assert calibrated.assess(frame(True)).depth_status is Status.OK

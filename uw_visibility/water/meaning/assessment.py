@@ -126,7 +126,8 @@ class Assessor:
         """Depth by the colour of daylight, its standard deviation and its precision; or why not.
 
         The colour is that of the scene light, where it is known apart from the veil; then the
-        deviation includes the water type above and the camera's white.
+        deviation includes the water type above and the camera's white. With one light for both, as
+        in the paper, these are taken as known.
         """
         if by_lamps:
             return Status.NO_DEPTH_BY_LAMPS, _NO_DEPTH
@@ -134,7 +135,7 @@ class Assessor:
             return estimate.status, _NO_DEPTH
         if seen.sum() < 2:
             return Status.NO_COLOUR, _NO_DEPTH
-        if estimate.grey_on_average and self._white_is_daylight and estimate.light is not None:
+        if estimate.grey_on_average and self._white_is_daylight:
             return Status.GREY_ON_AVERAGE, _NO_DEPTH
         model = self._depth.of_channels(seen)
         attenuation, light = estimate.attenuation[seen], estimate.scene_light[seen]
