@@ -83,6 +83,15 @@ def test_red_is_nearer_to_the_scene_than_as_decoded(
     assert (ratio > 0.5).all() and (ratio < 2.0).all()
 
 
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_means_of_chroma_are_not_rounded_to_one_side(layout: str) -> None:
+    pixels = under_water()
+    colour = jpeg_chroma(compress(pixels, 95, layout))
+    assert colour is not None
+    image, scaled = as_read(colour)
+    assert (np.abs((image - scaled(pixels)).mean(axis=(0, 1))) < 0.1).all()
+
+
 def test_nothing_contradicts_the_file() -> None:
     data = compress(under_water(), 80)
     colour = jpeg_chroma(data)

@@ -49,7 +49,7 @@ class _File(NamedTuple):
     """Coefficients and quantisation tables of a JPEG."""
 
     layout: _Layout
-    planes: NDArray[np.uint8]  # (h, w, 3): Y, Cb, Cr
+    planes: NDArray[Any]  # (h, w, 3): Y, Cb, Cr, uint8, or float32 where they are means
     shape: tuple[int, int]  # rows and columns, without incomplete ones at the border
     steps: list[Array]  # (8, 8) of Y, Cb, Cr
 
@@ -165,7 +165,8 @@ def _read(data: bytes) -> _File | None:
         # Damage, or a size beyond Pillow's limit, that OpenCV decodes all the same.
         return None
     if not layout.exact:
-        whole = planes[: layout.scale * height, : layout.scale * width]
+        # Means of 8 bits would be rounded up.
+        whole = planes[: layout.scale * height, : layout.scale * width].astype(np.float32)
         planes = np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
     steps = [np.array(table, np.float64).reshape(_BLOCK, _BLOCK) for table in tables]
     return _File(layout, read_only(planes), (height, width), steps)
@@ -188,7 +189,7 @@ def _noise(light: float, colour: Array, slopes: Array) -> Array:
         np.sqrt((1.0 + of_colour @ slopes) ** 2 * light + of_colour**2 @ colour))
 
 
-def _blocks(plane: NDArray[np.uint8], rows: int, columns: int) -> Blocks:
+def _blocks(plane: NDArray[Any], rows: int, columns: int) -> Blocks:
     """Blocks of an image, whose border pixels are repeated to fill the last ones."""
     height, width = plane.shape
     tall, wide = -(-height // rows), -(-width // columns)
