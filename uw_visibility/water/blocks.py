@@ -31,6 +31,9 @@ MOST_RANGE_STEP = 0.1
 WIDEST = 12.0
 # Beyond these, m, a range is an error of computation.
 MIN_RANGE, MAX_RANGE = 1e-3, 1e5
+# Largest codes of cameras of fewer bits in images of 16 bits, in their low or in their high bits.
+FULL_CODES = [2**bits - 1 for bits in (8, 10, 12, 14)] + [
+    65536 - 2**(16 - bits) for bits in (8, 10, 12, 14)]
 # Count of a black pixel where a clipped one counts 1, so that one sum holds both numbers.
 MARK_OF_BLACK = 1 << 32
 
@@ -42,7 +45,7 @@ class Blocks(NamedTuple):
     light: NDArray[np.float32]
     range: NDArray[np.float32]  # (h, w), mean range, m; NaN where unknown, or where surfaces meet
     known: float  # part of the counted blocks whose range is known, surfaces that meet among them
-    clipped: Array  # (3,), part of the pixels at the largest code value
+    clipped: Array  # (3,), part of the pixels that are saturated
     black: Array  # (3,), part of the pixels at the smallest code value
     noise: Array  # (3,), standard deviation of a pixel's noise, irradiance at middle grey
     encoded: bool  # whether codes are sRGB
@@ -76,7 +79,7 @@ def without_ranges(samples: ColourSamples, valid: Mask | None) -> Blocks:
     extreme = np.zeros((2, 3))
     table = linear_table(samples.transfer, image.dtype)
     marks = np.zeros(len(table), np.int64)
-    marks[-1], marks[0] = 1, MARK_OF_BLACK
+    marks[_saturated_from(samples):], marks[0] = 1, MARK_OF_BLACK
     mask = np.ones((1, 1), np.bool_) if valid is None else np.ascontiguousarray(valid)
     counted = _sum_up_light(image, mask, valid is not None, table, marks, size, light, extreme)
     share = 1.0 / max(counted * size * size, 1)
@@ -86,6 +89,16 @@ def without_ranges(samples: ColourSamples, valid: Mask | None) -> Blocks:
         extreme[1] * share, samples.noise * float(table[middle] - table[middle - 1]),
         samples.transfer == "srgb", len(table) > 256, size * samples.scale,
         1.0 / (255 if samples.scale > 1 else len(table) - 1))
+
+
+def _saturated_from(samples: ColourSamples) -> int:
+    """Smallest code of a saturated sample."""
+    top = np.iinfo(samples.pixels.dtype).max
+    largest = int(samples.pixels.max())
+    if top > 255 and largest in FULL_CODES:
+        return largest
+    # A codec blurs what was saturated: codes are within its noise of the largest.
+    return int(top - 2.0 * samples.noise.max()) if samples.codec_known else top
 
 
 def with_ranges(blocks: Blocks, range_map: NDArray[np.floating], size: int) -> Blocks:
