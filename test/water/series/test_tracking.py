@@ -697,7 +697,10 @@ def test_light_on_the_scene_keeps_its_ratio_to_the_veil_while_frames_are_rejecte
     rng = np.random.default_rng(18)
     tracker = WaterTracker()
     for k in range(5):
-        out = tracker.update(lit(drawn(rng), 2.0), k * PERIOD)
+        frame = lit(drawn(rng), 2.0)
+        out = tracker.update(frame, k * PERIOD)
+        # Otherwise the error of the frame's veil would be added to its own.
+        np.testing.assert_array_equal(out.scene_light, frame.light)
     out = tracker.update(lit(drawn(rng, attenuation=BETA + 1.0), 5.0), 5 * PERIOD)
     assert tracker.event is TrackingEvent.OUTLIER
     np.testing.assert_allclose(out.scene_light, 2.0 * out.ambient_light)

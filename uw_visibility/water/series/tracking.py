@@ -145,7 +145,12 @@ class WaterTracker:
         status = [Status.OK if known[c] else estimate.channel_status[c] for c in range(3)]
         mean, joint = self._state.published(self._doubt)
         mean[np.repeat(~known, 2)] = np.nan
-        light = None if self._light_covariance is None else self._light * mean[LIGHT]
+        light = None
+        if self._light_covariance is not None:
+            light = self._light * mean[LIGHT]
+            if estimate.light is not None and self.event in _TAKEN_IN:
+                # The frame's own: the ratio to its veil would add the error of that.
+                light = np.where(known & np.isfinite(estimate.light), estimate.light, light)
         return replace(
             estimate, light=light, light_covariance=self._light_covariance, clearest=None,
             **of_channels(status, mean[ATTENUATION], mean[LIGHT], blank(joint, known)))
