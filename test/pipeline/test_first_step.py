@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Step 1 of large images: small copies tell as much, in pixels of the images themselves."""
 
-from collections.abc import Callable
-
 import cv2
 import numpy as np
 import pytest
@@ -125,16 +123,10 @@ def turned(image: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(image.transpose(1, 0, 2))
 
 
-def moved(image: np.ndarray) -> np.ndarray:
-    return np.roll(image, 3, axis=0)
-
-
-@pytest.mark.parametrize("change", [turned, moved])
-def test_rows_that_do_not_correspond_tell_no_water(change: Callable[..., np.ndarray]) -> None:
+def test_rows_that_do_not_correspond_tell_no_water() -> None:
     camera = StereoCamera(480, 360, 450.0, 0.12)
     seen = ReefView(camera, water=Water(0.2, 3.0)).frame()
-    left = turned(seen.left) if change is turned else seen.left
-    right = change(seen.right)
+    left, right = turned(seen.left), turned(seen.right)
     rig = StereoRig(450.0, 0.12, ((left.shape[1] - 1) / 2, (left.shape[0] - 1) / 2))
     result = Pipeline(rig).process(left, right)
     # Chance matches some of them.
@@ -142,6 +134,23 @@ def test_rows_that_do_not_correspond_tell_no_water(change: Callable[..., np.ndar
     assert result.status is Status.TOO_FEW_SUPPORT_POINTS
     assert result.coarse_water.status is Status.TOO_FEW_SUPPORT_POINTS
     assert np.isnan(result.water.attenuation).all()
+
+
+@pytest.mark.parametrize("noise", [0.0, 2.0])
+@pytest.mark.parametrize("rows", [-3, -1, 1, 3])
+def test_a_pair_whose_calibration_is_off_by_rows_is_refused(
+    frame: RenderedFrame, rows: int, noise: float
+) -> None:
+    """Half of the points still match, with ranges that make distances up to twice too long."""
+    random = np.random.default_rng(0)
+    left, right = (
+        np.clip(image + random.normal(0.0, noise, image.shape), 0, 255).astype(np.uint8)
+        for image in (frame.left, np.roll(frame.right, rows, axis=0)))
+    if abs(rows) == 1:
+        assert pipeline().coarse_estimate(left, right).coverage > 0.5
+    else:
+        with pytest.raises(InputError, match="rows of the left and right image do not correspond"):
+            pipeline().coarse_estimate(left, right)
 
 
 def test_a_small_thing_in_open_water_is_no_chance(frame: RenderedFrame) -> None:

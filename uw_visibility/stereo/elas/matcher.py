@@ -177,6 +177,10 @@ class Matcher:
         """Matches of the described pair with its images swapped, over those in order."""
         return self._support.swapped_ratio(*self._descriptors)
 
+    def moved_ratio(self, rows: int) -> float:
+        """Matches of the described pair with one image moved by rows, over those in place."""
+        return self._support.moved_ratio(*self._descriptors, rows)
+
     def coarse_disparity(self, support: SupportPoints) -> DisparityMap:
         """Return the mesh of the support points as an image, px; NaN outside the mesh."""
         coarse = np.empty(self._shape, np.float32)

@@ -31,7 +31,7 @@ REACH = 2
 # Distance from the best disparity that belongs to the same minimum of the cost, px.
 SAME_MINIMUM = 1
 _HUGE = np.int32(1 << 30)
-# Every eighth row of the grid is searched to find swapped images.
+# Every eighth row of the grid is searched to find swapped or shifted images.
 _ORDER_STRIDE = 8
 # Least part of the grid points that match, for that search in some rows only.
 _FEW = 0.1
@@ -84,7 +84,19 @@ class SupportGrid:
         self._texture = np.full((rows, columns), config.support_texture, np.int32)
 
     def swapped_ratio(self, left: Image8, right: Image8) -> float:
-        """Matches of the last `search`'s pair with its images swapped, over those in order.
+        """Matches of the last `search`'s pair with its images swapped, over those in order."""
+        return self._ratio(right, left)
+
+    def moved_ratio(self, left: Image8, right: Image8, rows: int) -> float:
+        """Matches of the last `search`'s pair with one image moved by rows, over those in place.
+
+        That of the direction in which more match.
+        """
+        moved = rows * self._shape[1] * BYTES
+        return max(self._ratio(left, np.roll(right, by)) for by in (-moved, moved))
+
+    def _ratio(self, left: Image8, right: Image8) -> float:
+        """Matches of other descriptors over those of the last `search`.
 
         Ten are added to both, so that a few chance matches do not count. Only every eighth row of
         the grid is searched, unless few points match, which takes all rows.
@@ -92,10 +104,10 @@ class SupportGrid:
         few = np.count_nonzero(self._found >= 0) < _FEW * self._found.size
         stride = 1 if few else _ORDER_STRIDE
         rows = -(-self._found.shape[0] // stride)
-        exchanged = np.empty((2, rows, self._found.shape[1]), np.float32)
-        self._match(rows, stride, right, left, _NOWHERE, *exchanged)
-        in_order = np.count_nonzero(self._found[::stride] >= 0)
-        return float((np.count_nonzero(exchanged[0] >= 0) + 10) / (in_order + 10))
+        others = np.empty((2, rows, self._found.shape[1]), np.float32)
+        self._match(rows, stride, left, right, _NOWHERE, *others)
+        found = np.count_nonzero(self._found[::stride] >= 0)
+        return float((np.count_nonzero(others[0] >= 0) + 10) / (found + 10))
 
     def search(
         self,
