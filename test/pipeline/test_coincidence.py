@@ -11,10 +11,14 @@ import numpy as np
 import pytest
 from scenes import water_view
 
-from uw_visibility import StereoRig, estimate_water
+from uw_visibility import StereoRig, estimate_water, match
 from uw_visibility.pipeline.coincidence import show_one_scene
 from uw_visibility.status import Status
 from uw_visibility_lab.evaluation.scenes import load_source
+from uw_visibility_lab.simulation.camera import Pose, StereoCamera
+from uw_visibility_lab.simulation.frame import Renderer
+from uw_visibility_lab.simulation.scene import reef
+from uw_visibility_lab.simulation.water import Water
 
 CLEAR = np.array([0.228, 0.066, 0.025])
 
@@ -50,6 +54,15 @@ def test_an_image_and_its_ranges_show_one_scene(rendered: Any) -> None:
     image, disparity, rig = rendered
     assert show_one_scene(image, rig.range_from_disparity(disparity))
     assert show_one_scene(image[..., 1], rig.range_from_disparity(disparity))
+
+
+def test_matched_ranges_of_a_small_image_belong_to_it() -> None:
+    """Their steps are some pixels off the edges, a larger part of a small image."""
+    camera = StereoCamera(320, 240, 300.0, 0.12)
+    pose = Pose((0.0, 0.0, 1.5), tilt=0.3)
+    frame = Renderer(camera).render(reef(3), pose, Water(0.15, 5.0), seed=3)
+    disparity = match(frame.left, frame.right, camera.rig).disparity
+    assert show_one_scene(frame.left, camera.rig.range_from_disparity(disparity))
 
 
 def test_ranges_of_something_else_are_told(rendered: Any) -> None:

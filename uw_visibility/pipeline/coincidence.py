@@ -24,10 +24,12 @@ STEP = 0.1
 # Least part of the pixels at such steps, both across and down, for a comparison: a plane has none,
 # a floor up to the horizon or a row of walls has them in one direction only.
 FEWEST_STEPS = 0.005
-# Largest offset between edges and steps of one scene, px.
-TOLERANCE = 1
-# Shifts to compare with, px: larger than the width of edges, but within the same layout.
-NEAR, FAR = 4, 25
+# Largest offset between edges and steps of one scene, px of the image: matched ranges reach beyond
+# edges by half the width of what is compared.
+TOLERANCE = 4
+# Shifts to compare with, px of the reduced image: larger than the width of edges beside the offset,
+# but within the same layout.
+NEAR, FAR = 3, 25
 # Shifts do not count if the steps' autocorrelation exceeds this part of its maximum.
 ALIKE = 0.5
 # Quantiles of the normal distribution with 4 %, and one in a million, beyond. A quarter of images
@@ -50,7 +52,8 @@ def show_one_scene(image: Image, ranges: RangeMap) -> bool:
     if min(np.mean(np.abs(np.diff(logarithm, axis=k)) >= STEP) for k in (0, 1)) < FEWEST_STEPS:
         return True
     steps = np.minimum(_gradient(logarithm) / STEP, 1.0)
-    return _score(_centred(_edges(light, factor)), _centred(steps)) > BY_CHANCE
+    offset = -(-TOLERANCE // factor)
+    return _score(_centred(_edges(light, factor)), _centred(steps), offset) > BY_CHANCE
 
 
 def _neighbours_alike(light: NDArray[Any]) -> bool:
@@ -106,17 +109,20 @@ def _centred(values: Array) -> Array:
     return np.where(known, filled - mean, 0.0)
 
 
-def _score(edges: Array, steps: Array) -> float:
-    """Correlation without a shift minus the mean with shifts, in standard deviations of these."""
+def _score(edges: Array, steps: Array, offset: int) -> float:
+    """Correlation without a shift minus the mean with shifts, in standard deviations of these.
+
+    Each is the largest within an offset, px.
+    """
     shape = (edges.shape[0], edges.shape[1])
     spectrum = rfft2(steps)
     correlation = irfft2(np.conj(spectrum) * rfft2(edges), s=shape)
-    best = maximum_filter(correlation, 2 * TOLERANCE + 1, mode="wrap")
+    best = maximum_filter(correlation, 2 * offset + 1, mode="wrap")
     # A shift along a wall's edge hardly changes the steps, and does not count.
     own = irfft2(np.abs(spectrum) ** 2, s=shape)
     down, across = (np.minimum(np.arange(n), n - np.arange(n)) for n in shape)
     shift = np.maximum(down[:, np.newaxis], across)
-    shifted = best[(shift > NEAR) & (shift < FAR) & (own < ALIKE * own[0, 0])]
+    shifted = best[(shift > NEAR + offset) & (shift < FAR) & (own < ALIKE * own[0, 0])]
     if not shifted.size:
         return math.inf
     return float((best[0, 0] - shifted.mean()) / max(shifted.std(), 1e-9))
