@@ -56,6 +56,17 @@ def test_attenuation_is_that_of_the_water_within_sigma(alpha: float) -> None:
     assert middle - 2.5 * (middle - low) < truth < middle + 2.5 * (high - middle)
 
 
+def test_patches_that_differ_more_than_any_ground_tell_no_water() -> None:
+    """As where the lamps are elsewhere, or light scattered in turbid water hides the ground."""
+    shown = scene(0.15)
+    patches = 8 * np.random.default_rng(0).standard_normal((18, 26, 1)).cumsum(axis=0).cumsum(1) / 9
+    factor = np.exp(np.clip(patches, -3.0, 3.0)).repeat(8, axis=0).repeat(8, axis=1)
+    image = np.clip(0.05 * factor * shown.image, 0, 65535).astype(np.uint16)
+    found = estimator().estimate_view(View.of(image), shown.range)
+    assert found.status is Status.NOT_ONE_WATER
+    assert np.isnan(found.attenuation).all()
+
+
 @pytest.mark.parametrize("alpha", [0.15, 0.3])
 def test_scattered_and_direct_light_are_those_of_the_quadrature(alpha: float) -> None:
     shown = scene(alpha)

@@ -27,6 +27,7 @@ from uw_visibility.water.estimate import (
     of_channels,
     overall_status,
     passed,
+    refuse,
 )
 from uw_visibility.water.lamps.nodes import USELESS, Nodes, reduce_to_nodes
 from uw_visibility.water.lamps.posterior import CLEAR_WATER_DEVIATION, FEWEST_NODES, infer
@@ -64,6 +65,8 @@ def estimate_nodes(
         reason = Status.TOO_FEW_OBSERVATIONS if seen.any() else overall_status(status)
         nothing, no = WaterEstimate.not_assessable(reason), np.full(3, np.nan)
         return replace(nothing, lamps=LampLight(no, no, no, no, no, frames[-1]))
+    if posterior.misfit:
+        status = refuse(status, Status.NOT_ONE_WATER)
     beta = np.exp(posterior.log_attenuation)
     covariance = posterior.covariance * np.outer(beta, beta)
     clearest: Array | None = posterior.clearest

@@ -107,6 +107,8 @@ class LampPosterior:
     scattering_stddev: Array  # (3,), of ln s
     daylight: Array  # (3,), irradiance of white by daylight; 0 without
     veil: Array  # (3,), irradiance of daylight's veil at infinity; 0 without
+    # whether patches differ more than those of any ground, so that lamps or water are not as told
+    misfit: bool
 
 
 class _Light(NamedTuple):
@@ -392,10 +394,12 @@ def _summed(
         clear = own[(direct[:, c] > scattered[:, c]) & np.isfinite(own[:, c]), c]
         if len(clear):
             power[c] = max(float(np.quantile(clear, BRIGHT_NODES)), usual[c]) / BRIGHT_RADIANCE
+    texture = np.trace(best.texture, axis1=1, axis2=2)
+    misfit = bool((texture > 0.99 * _most_texture(np.arange(len(texture)))).any())
     return LampPosterior(
         middle, spread, _of_clearest(weight, mean, covariance, seen),
         USUAL_EXPONENT + float(p[2]), power, level * np.exp(amount),
-        np.sqrt(best.scattering_variance), power * daylight * level / usual, level * veil)
+        np.sqrt(best.scattering_variance), power * daylight * level / usual, level * veil, misfit)
 
 
 def _interpolated(grid: list[_Fit], highest: float, fine: Array) -> tuple[Array, Array, Array]:
@@ -578,6 +582,13 @@ def _take(
 
 
 @njit(nogil=True, error_model="numpy")
+def _most_texture(level: Any) -> Any:
+    """Largest trace of the covariance of a scale."""
+    # Differences of means are weighted by the root of their number of nodes.
+    return 3.0 * MOST_TEXTURE * 4.0**level
+
+
+@njit(nogil=True, error_model="numpy")
 def _update_texture(gathered: Any, weight: Any, texture: Any) -> None:
     """Update the covariance of each scale; its prior is that of the next finer one, grown."""
     growth = GROWTH
@@ -588,8 +599,7 @@ def _update_texture(gathered: Any, weight: Any, texture: Any) -> None:
             degrees = GROWTH_WEIGHT
             texture[level] += degrees * growth * texture[level - 1]
         texture[level] /= weight[level] + degrees + 1.0
-        # Differences of means are weighted by the root of their number of nodes.
-        texture[level] *= min(1.0, 3.0 * MOST_TEXTURE * 4.0**level / np.trace(texture[level]))
+        texture[level] *= min(1.0, _most_texture(level) / np.trace(texture[level]))
         if level > 0:
             growth = np.trace(texture[level]) / np.trace(texture[level - 1])
             growth = min(max(growth, 1.0), MOST_GROWTH)
