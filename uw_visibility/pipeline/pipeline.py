@@ -114,10 +114,10 @@ class Pipeline:
             images under lamps are restored, so that colours are stable over frames; by
             default that of this frame.
         known_water : callable, optional
-            Returns the water estimated from earlier frames (`WaterFilter.known`), or None. It is
-            called only if images are wanted and this frame, by daylight and not overexposed, does
-            not show its water; the images are then restored with that of earlier frames, instead
-            of left as they are.
+            Returns the water from earlier frames as a `WaterEstimate`, ``known.at(stamp, rig)`` of
+            `WaterFilter.known`, or None. It is called only if images are wanted and this frame, by
+            daylight and not overexposed, does not show its water; the images are then restored
+            with that of earlier frames, instead of left as they are.
 
         Returns
         -------
