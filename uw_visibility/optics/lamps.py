@@ -5,7 +5,7 @@
 A lamp of power P at p lights the point X at r = |X − p|, seen at range d from the camera,
 so that (Jaffe 1990, doi:10.1109/48.50695, without forward scattering)
 
-    E = ρ P D + b P S
+    E = ρ P D + π b P S
     D = Σ g(θ) e^(−β (r + d)) / r²
     S = Σ ∫₀ᵈ g(θ) p(ψ) e^(−β (r + s)) / r² ds
 
