@@ -64,6 +64,7 @@ written to DIR:
   fig7.png          attenuation and colour difference over depth (Fig. 7), and
                     fig7_pictures.png the images
   fig9.png          histogram equalisation, CLAHE, ours, oracle (Fig. 9)
+  reliability.png   right share of disparities over confidence, for each noise
 
 with --lamps:
   survey.csv        each frame of the survey: its estimate, and that with earlier frames
