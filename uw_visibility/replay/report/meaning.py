@@ -17,8 +17,8 @@ MEANINGS: dict[str, str] = {
     Status.SATURATED: "Too many pixels at the largest value.",
     Status.TOO_DARK: "Too little light reaches the camera.",
     Status.NO_TEXTURE: "The image has almost no contrast.",
-    Status.AMBIENT_LIGHT_UNBOUNDED: "The ambient light cannot be estimated: neither open water nor "
-    "anything bright is in view.",
+    Status.AMBIENT_LIGHT_UNBOUNDED: "The depth is too uncertain: its standard deviation exceeds "
+    "half of assessment.max_depth.",
     Status.FIT_FAILED: "The light in the image does not fit the model of uniform water.",
     Status.NO_DAYLIGHT_COLOUR: "The light does not have the colour of daylight at any depth: "
     "lamps, or the camera's white differs from the configured one.",
@@ -62,7 +62,8 @@ REMEDIES: dict[str, str] = {
     Status.TOO_DARK: "Lengthen the exposure, or light the scene.",
     Status.NO_TEXTURE: "Look for a lens cap, a fogged port or a stuck driver; open water alone "
     "is not enough.",
-    Status.AMBIENT_LIGHT_UNBOUNDED: "Have some open water or something bright in view.",
+    Status.AMBIENT_LIGHT_UNBOUNDED: "Find camera.white_reference and assessment.water_type with "
+    "uw_visibility calibrate.",
     Status.FIT_FAILED: "Look at the frame: lamps, shade and sun beams are the usual causes.",
     Status.NO_DAYLIGHT_COLOUR: "Find camera.white_reference with uw_visibility calibrate, fix the "
     "white balance, and turn lamps off.",
