@@ -29,7 +29,8 @@ MEANINGS: dict[str, str] = {
     Status.CLEARER_THAN_CLEAR_WATER: "The water would be clearer than pure sea water: a camera "
     "setting or the calibration is wrong.",
     Status.NOT_ONE_WATER: "Brightness changes with range in a way that uniform water cannot "
-    "explain: a layer of other water, vignetting, or a veil that is uneven across the image.",
+    "explain: a layer of other water, vignetting, or a veil that is uneven across the image; under "
+    "lamps, patches differ more than those of any ground.",
     Status.UNLIKE_TRAINING: "The image is less like the training images than 99.7 % of them: no "
     "estimate from it would be reliable.",
     Status.STEPS_DISAGREE: "The coarse mesh of step 1 and the dense disparities of step 2 give "
@@ -74,7 +75,8 @@ REMEDIES: dict[str, str] = {
     Status.CLEARER_THAN_CLEAR_WATER: "Check camera.transfer, camera.response, the white balance, "
     "and that the rig was calibrated under water.",
     Status.NOT_ONE_WATER: "Set camera.vignetting or camera.flat_field, check camera.transfer; have "
-    "some open water in view, which shows how the veil changes.",
+    "some open water in view, which shows how the veil changes. Under lamps, check their positions "
+    "and directions, or go closer.",
     Status.UNLIKE_TRAINING: "Look at the frame: a Bayer mosaic without interpolation, exchanged "
     "channels, or no underwater scene?",
     Status.STEPS_DISAGREE: "Check the calibration and stereo.max_disparity; look for "
