@@ -47,3 +47,20 @@ def test_saturation_is_told_behind_a_codec(layout: int, quality: int) -> None:
     decoded = np.array(Image.open(io.BytesIO(file.getvalue())))
     found = clipped(View.of(decoded, chroma=jpeg_chroma(file.getvalue())))
     np.testing.assert_allclose(found, (shown == 255).mean(axis=(0, 1)), atol=0.1)
+
+
+@pytest.mark.parametrize("layout", [None, 0, 1, 2])
+def test_the_noise_of_a_block_is_that_of_its_samples(layout: int | None) -> None:
+    """A sample of subsampled colour is the mean of four pixels."""
+    random = np.random.default_rng(0)
+    light = np.array([90.0, 120.0, 140.0]) + 6.0 * random.standard_normal((480, 640, 3))
+    pixels, chroma = np.rint(light).astype(np.uint8), None
+    if layout is not None:
+        file = io.BytesIO()
+        Image.fromarray(pixels).save(file, "JPEG", quality=97, subsampling=layout)
+        pixels, chroma = np.array(Image.open(file)), jpeg_chroma(file.getvalue())
+    colour = View.of(pixels, chroma=chroma).colour
+    assert colour is not None
+    blocks = without_ranges(colour, None)
+    shown = blocks.light.std(axis=(0, 1))
+    np.testing.assert_allclose(blocks.noise / blocks.size, shown, rtol=0.4)

@@ -9,12 +9,12 @@ from uw_visibility.water.blocks import Blocks
 from uw_visibility.water.observations import FEWEST_OF_BIN, observe
 
 
-def blocks(size=(100, 120), seed=0, noise=0.0, side=1, **changes):
+def blocks(size=(100, 120), seed=0, noise=0.0, **changes):
     """Blocks of random light over ranges from 2 to 4 m."""
     light = np.random.default_rng(seed).uniform(0.1, 0.9, (*size, 3)).astype(np.float32)
     ranges = np.tile(np.linspace(2, 4, size[1], dtype=np.float32), (size[0], 1))
     made = Blocks(
-        light, ranges, 1.0, np.zeros(3), np.zeros(3), np.full(3, noise / 255), False, False, side)
+        light, ranges, 1.0, np.zeros(3), np.zeros(3), np.full(3, noise / 255), False, False)
     return made._replace(**changes)
 
 
@@ -69,7 +69,7 @@ def test_noise_is_taken_out_of_the_dark_envelope():
     assert np.abs(seen.dark - 0.4).max() < 0.03
     assert observe(made._replace(light=noisy, noise=np.zeros(3))).dark.mean() < 0.38
     # A block is the mean of many pixels.
-    of_many = observe(made._replace(light=clean, side=10))
+    of_many = observe(made._replace(light=clean, size=10))
     assert (of_many.deviation < 0.4 * seen.deviation.mean()).all()
 
 

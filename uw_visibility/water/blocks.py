@@ -47,10 +47,11 @@ class Blocks(NamedTuple):
     known: float  # part of the counted blocks whose range is known, surfaces that meet among them
     clipped: Array  # (3,), part of the pixels that are saturated
     black: Array  # (3,), part of the pixels at the smallest code value
-    noise: Array  # (3,), standard deviation of a pixel's noise, irradiance at middle grey
+    noise: Array  # (3,), standard deviation of a sample's noise, irradiance at middle grey
     encoded: bool  # whether codes are sRGB
     deep: bool  # whether codes are of 16 bit
     side: int = 1  # side of a block, in pixels of the camera
+    size: int = 1  # the same in samples, which are larger where colour is subsampled
     step: float = 1.0 / 255.0  # step of the camera's codes, as a part of full scale
 
 
@@ -67,8 +68,7 @@ def reduce_to_blocks(
     valid : (H, W) bool ndarray or None
         Samples that count.
     """
-    blocks = without_ranges(samples, valid)
-    return with_ranges(blocks, range_map, blocks.side // samples.scale)
+    return with_ranges(without_ranges(samples, valid), range_map)
 
 
 def without_ranges(samples: ColourSamples, valid: Mask | None) -> Blocks:
@@ -88,7 +88,7 @@ def without_ranges(samples: ColourSamples, valid: Mask | None) -> Blocks:
         light, np.full(light.shape[:2], np.nan, np.float32), 0.0, extreme[0] * share,
         extreme[1] * share, samples.noise * float(table[middle] - table[middle - 1]),
         samples.transfer == "srgb", len(table) > 256, size * samples.scale,
-        1.0 / (255 if samples.scale > 1 else len(table) - 1))
+        size, 1.0 / (255 if samples.scale > 1 else len(table) - 1))
 
 
 def _saturated_from(samples: ColourSamples) -> int:
@@ -98,14 +98,14 @@ def _saturated_from(samples: ColourSamples) -> int:
     if top > 255 and largest in FULL_CODES:
         return largest
     # A codec blurs what was saturated: codes are within its noise of the largest.
-    return int(top - 2.0 * samples.noise.max()) if samples.codec_known else top
+    return int(top - samples.noise.max()) if samples.codec_known else top
 
 
-def with_ranges(blocks: Blocks, range_map: NDArray[np.floating], size: int) -> Blocks:
-    """Blocks of so many samples' side with the mean of their ranges; see `reduce_to_blocks`."""
+def with_ranges(blocks: Blocks, range_map: NDArray[np.floating]) -> Blocks:
+    """Blocks with the mean of their ranges; see `reduce_to_blocks`."""
     ranges = np.full_like(blocks.range, np.nan)
     counted, known = _average_ranges(
-        np.ascontiguousarray(range_map, np.float32), blocks.light, size, ranges)
+        np.ascontiguousarray(range_map, np.float32), blocks.light, blocks.size, ranges)
     return blocks._replace(range=ranges, known=known / max(counted, 1))
 
 

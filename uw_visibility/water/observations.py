@@ -131,7 +131,7 @@ def observe(blocks: Blocks, range_error: float = 0.0) -> Envelopes:
     scale = _slope(table, dark)
     # Noise as a part of full scale.
     of_codes = blocks.noise / _slope(table, table[len(table) // 2])
-    noise = scale * (of_codes / blocks.side)[:, np.newaxis]
+    noise = scale * (of_codes / blocks.size)[:, np.newaxis]
     quantiles = np.array((np.full(len(full), DARKEST), inner[full])) / (count[full] + 1.0)
     dark = dark + _noise_shift(noise, steep - dark, quantiles)
     return Envelopes(

@@ -144,7 +144,7 @@ class WaterEstimator:
             self._pictures[view] = (
                 blocks, cache(partial(appearance_of, blocks.light)), colour_balance(view.pixels))
         blocks, appearance, balance = self._pictures[view]
-        blocks = with_ranges(blocks, ranges, blocks.side // colour.scale)
+        blocks = with_ranges(blocks, ranges)
         return replace(
             self.estimate_blocks(blocks, range_error, appearance),
             blocks=thinned(blocks, BLOCKS_KEPT), grey_on_average=balance.grey,

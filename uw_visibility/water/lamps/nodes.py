@@ -91,9 +91,9 @@ def reduce_to_nodes(blocks: Blocks, rays: Array, tables: LampTables) -> Nodes:
     place = np.argwhere(shown)
     irradiance = np.maximum(_mean(light, surface)[shown], 1e-6)
     noise = np.maximum(blocks.noise, LEAST_NOISE * blocks.step)
-    pixels = count[shown][:, np.newaxis] * blocks.side**2
+    samples = count[shown][:, np.newaxis] * blocks.size**2
     cut = (irradiance < FAINT * np.maximum(noise, blocks.step)) | (irradiance > BRIGHT)
-    variance = (noise / irradiance) ** 2 / pixels + USELESS**2 * cut
+    variance = (noise / irradiance) ** 2 / samples + USELESS**2 * cut
     direction = _mean(away, surface)[shown]
     # Blocks of other surfaces do not count.
     hidden = np.where(surface[..., np.newaxis], light, -np.inf)[shown]
