@@ -187,6 +187,21 @@ def test_a_jpeg_of_endless_scans_is_refused() -> None:
         decode(data[:last] + 200 * data[last:-2] + data[-2:])
 
 
+@pytest.mark.parametrize("most", [1, 100, 1023, 4095, 65534])
+def test_a_pnm_of_other_than_8_or_16_bit_is_refused(most: int) -> None:
+    codes = bytes(12 if most < 256 else 24)
+    with pytest.raises(InputError, match=f"its largest code is {most}, not that of 8 or 16 bit"):
+        decode(b"P6\n2 2\n%d\n" % most + codes)
+
+
+def test_comments_of_a_pnm_are_skipped() -> None:
+    data = b"P5\n# a camera, 12 bit\n  # of 1 # 2\n2\n#3\n2\n# 100\n65535\n\0\1\0\2\0\3\0\4"
+    assert decode(data).tolist() == [[1, 2], [3, 4]]
+    # A pattern that tries every way to cut this would not end.
+    with pytest.raises(InputError, match="neither"):
+        decode(b"P5" + 1000 * b" #")
+
+
 @pytest.mark.parametrize("data", [
     b"", b"\xff\xd8\xff", b"\xff\xd8\xff\xff" * 100, b"\x89PNG\r\n\x1a\n", b"II*\0",
     b"II*\0\xff\xff\xff\xff", b"P6 3 2 255\n", b"GIF89a" + bytes(100), bytes(100),

@@ -23,7 +23,9 @@ from uw_visibility.errors import InputError
 
 JPEG, PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
 TIFF = (b"II*\0", b"MM\0*")
-PNM = re.compile(rb"P[56](?:\s+#[^\n]*)*\s+(\d{1,9})(?:\s+#[^\n]*)*\s+(\d{1,9})\s")
+# Width, height and largest code; a comment ends with its line.
+PNM = re.compile(rb"P[56]" + 3 * rb"\s+(?:#[^\n]*\n\s*)*(\d{1,9})" + rb"\s")
+PNM_CODES = (0xFF, 0xFFFF)
 
 MOST_PIXELS = 100_000_000
 """Larger images are refused: no camera on a vehicle has as many pixels."""
@@ -70,6 +72,9 @@ def read_header(data: bytes) -> Header:
         header = _read_tiff(data)
     elif (match := PNM.match(data)) is not None:
         header = Header(int(match[1]), int(match[2]))
+        if int(match[3]) not in PNM_CODES:
+            # Decoders ignore it, and return codes that would seem to be dark.
+            raise InputError(f"its largest code is {int(match[3])}, not that of 8 or 16 bit")
     else:
         raise InputError("it is neither PNG, JPEG nor TIFF")
     if header.width < 1 or header.height < 1:
