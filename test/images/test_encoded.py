@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import struct
 import zlib
@@ -11,6 +12,7 @@ import zlib
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.encoded import TruncatedError, decode, read_header
@@ -200,6 +202,29 @@ def test_comments_of_a_pnm_are_skipped() -> None:
     # A pattern that tries every way to cut this would not end.
     with pytest.raises(InputError, match="neither"):
         decode(b"P5" + 1000 * b" #")
+
+
+def with_tag(tag: int, value: int, pixels: np.ndarray) -> bytes:
+    """Return a TIFF with the value of one of its tags."""
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "TIFF", tiffinfo={274: 1})
+    data = bytearray(file.getvalue())
+    (at,) = struct.unpack_from("<I", data, 4)
+    place = next(
+        p for p in range(at + 2, len(data), 12) if struct.unpack_from("<H", data, p)[0] == tag)
+    struct.pack_into("<H", data, place + 8, value)
+    return bytes(data)
+
+
+@pytest.mark.parametrize("deep", [False, True])
+def test_a_tiff_that_decoders_turn_or_invert_is_refused(deep: bool) -> None:
+    pixels = PIXELS[..., 0].astype(np.uint16 if deep else np.uint8)
+    np.testing.assert_array_equal(decode(with_tag(274, 1, pixels)), pixels)
+    for orientation in (2, 3, 4, 6, 8):
+        with pytest.raises(InputError, match=f"orientation {orientation}"):
+            decode(with_tag(274, orientation, pixels))
+    with pytest.raises(InputError, match="0 is white"):
+        decode(with_tag(262, 0, pixels))
 
 
 @pytest.mark.parametrize("data", [

@@ -43,9 +43,11 @@ COEFFICIENTS = 64
 # Marker that ends a scan's data, in which 0xFF precedes only zeros and restart markers.
 MARKER = re.compile(rb"\xff[\x01-\xcf\xd8-\xfe]")
 
-# TIFF 6.0: types SHORT and LONG, and tags of image and tile size.
+# TIFF 6.0: types SHORT and LONG, and tags.
 TIFF_TYPES = {3: "H", 4: "I"}
 TIFF_WIDTH, TIFF_HEIGHT, TIFF_TILE_WIDTH, TIFF_TILE_HEIGHT = 256, 257, 322, 323
+TIFF_MEANING, TIFF_ORIENTATION = 262, 274
+TIFF_WHITE_IS_ZERO, TIFF_UPRIGHT = 0, 1
 
 
 class TruncatedError(InputError):
@@ -250,4 +252,9 @@ def _read_tiff(data: bytes) -> Header:
     # Decoders allocate memory for a tile, which may be larger than the image.
     if tags.get(TIFF_TILE_WIDTH, 1) * tags.get(TIFF_TILE_HEIGHT, 1) > MOST_PIXELS:
         raise InputError(f"it declares tiles of more than {MOST_PIXELS} pixels")
+    # Decoders turn some images and not others, and invert 8 bit but not 16.
+    if (orientation := tags.get(TIFF_ORIENTATION, TIFF_UPRIGHT)) != TIFF_UPRIGHT:
+        raise InputError(f"it is stored with orientation {orientation}, not upright (1)")
+    if tags.get(TIFF_MEANING) == TIFF_WHITE_IS_ZERO:
+        raise InputError("its 0 is white, not black")
     return header
