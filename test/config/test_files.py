@@ -172,6 +172,22 @@ def test_earlier_products_go_and_other_files_stay(tmp_path: Path) -> None:
     assert (kept / "table.csv").is_file() and not (tmp_path / "table.csv").exists()
 
 
+def test_products_in_a_linked_folder_are_replaced_and_the_link_stays(tmp_path: Path) -> None:
+    write(tmp_path, "out/mark.json", "out/table.csv", "other/table.csv")
+    for name, target in (("link", "out"), ("stray", "other")):
+        (tmp_path / name).symlink_to(target)
+    with gathered(tmp_path / "link", ONE, force=True) as folder:
+        write(folder, "mark.json")
+    assert (tmp_path / "link").is_symlink()
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["mark.json"]
+    # Without the mark nothing is replaced, and a folder is never removed by a link.
+    with pytest.raises(InputError, match="is nothing"):
+        ONE.check_room(tmp_path / "stray", force=True)
+    with pytest.raises(InputError, match="is nothing"):
+        ONE.remove(tmp_path / "link")
+    assert (tmp_path / "out" / "mark.json").is_file()
+
+
 def test_inputs_are_found_wherever_they_lie(tmp_path: Path) -> None:
     write(tmp_path, "out/deep/in.mcap")
     (tmp_path / "link").symlink_to(tmp_path / "out")

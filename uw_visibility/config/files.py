@@ -123,8 +123,10 @@ class Products:
         there = self.present(folder)
         if not there:
             return
+        # A link to a folder keeps its place: only files in it are replaced.
+        marked = self.marks(Path(os.path.realpath(folder)))
         for entry in there:
-            if entry.is_symlink() or not entry.is_file() or not self.marks(folder):
+            if entry.is_symlink() or not entry.is_file() or not marked:
                 raise InputError(
                     f"{entry} exists already and is {self.what}: move it, or give another name")
         if not force:
