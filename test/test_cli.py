@@ -14,6 +14,8 @@ import pytest
 
 import uw_visibility
 from uw_visibility.cli import main
+from uw_visibility.commands import warmup
+from uw_visibility.replay.progress import say
 
 RUN = (sys.executable, "-c", "from uw_visibility.cli import run; run()")
 
@@ -52,6 +54,13 @@ def test_interruptions_beyond_the_first_change_nothing() -> None:
             [sys.executable, "-c", script, "--version", *more], capture_output=True, text=True,
             check=False)
         assert (done.returncode, done.stdout, done.stderr) == (130, "", told)
+
+
+def test_output_may_be_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(warmup, "run", lambda arguments: (say("done"), sys.stderr.isatty()))
+    for name in ("stdout", "stderr"):
+        monkeypatch.setattr(sys, name, None)
+    assert main(["warmup"]) == 0
 
 
 def completed(line: str, tmp_path: Path) -> subprocess.CompletedProcess[str]:

@@ -15,7 +15,7 @@ import traceback
 from collections.abc import Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TextIO
 
 from uw_visibility import __version__
 from uw_visibility.commands import calibrate, enhance, replay, warmup
@@ -66,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     141 for a closed output.
     """
     words = list(sys.argv[1:] if argv is None else argv)
-    _escape_unprintable()
+    _prepare_output()
     # Damaged files are reported here in one sentence, not in OpenCV's log.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     try:
@@ -87,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail("interrupted", INTERRUPTED)
     except BrokenPipeError:
         # The reader of the output has closed it, as head does: do not flush the rest at exit.
-        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
+        sys.stdout = _nowhere()
         return BROKEN_PIPE
     except MemoryError:
         return _fail("there is not enough memory: give smaller images, or fewer --jobs", FAILED)
@@ -110,11 +110,20 @@ def _fail(message: str, code: int) -> int:
     return code
 
 
-def _escape_unprintable() -> None:
-    """Escape characters of file names and topics that the terminal's encoding does not have."""
+def _prepare_output() -> None:
+    """Escape characters of file names and topics that the terminal's encoding does not have.
+
+    A stream that is closed, as after ``>&-`` in a shell, is None: its output goes nowhere.
+    """
+    sys.stdout = sys.stdout or _nowhere()
+    sys.stderr = sys.stderr or _nowhere()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+
+
+def _nowhere() -> TextIO:
+    return Path(os.devnull).open("w", encoding="utf-8")
 
 
 def _complete(parser: argparse.ArgumentParser) -> None:
