@@ -46,7 +46,10 @@ def test_the_table_has_its_rows(tmp_path: Path, capsys: pytest.CaptureFixture[st
     (["--sea", "{}"], "no frames"),
     (["--sea", "{}", "--estimator", "{}/no.npz"], "no trained networks"),
     (["--sea", "{}", "--cases", "0"], "--cases"),
-    (["--sea", "{}", "--csv", "{}"], "exists already"),
+    (["--scenes", "{}", "--csv", "{}"], "exists already"),
+    (["--scenes", "{}", "--csv", "{}/no/cases.csv"], "the folder of --csv"),
+    (["--sea", "{}", "--csv", "{}/cases.csv"], "leave it out"),
+    (["--pictures", "--traced", "{}", "--csv", "{}/cases.csv"], "leave it out"),
 ])
 def test_what_cannot_be_judged_is_one_sentence(
     arguments: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -80,6 +80,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     check_range("--cases", arguments.cases, 1, 1_000_000)
+    _check_table(arguments)
     if arguments.pictures:
         _judge_pictures(arguments)
         return
@@ -87,8 +88,6 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError("no scenes for lamps: give --scenes")
     if not (arguments.scenes or arguments.middlebury or arguments.traced or arguments.sea):
         raise InputError("nothing to judge by: give --scenes, --middlebury, --traced or --sea")
-    if arguments.csv is not None and arguments.csv.exists():
-        raise InputError(f"{arguments.csv} exists already: give another name")
     from uw_visibility_lab.evaluation.judging import HEAD, line_of, row_of
     from uw_visibility_lab.evaluation.tables import as_csv, flat
     from uw_visibility_lab.posterior.judge import ask, flips
@@ -110,11 +109,26 @@ def run(arguments: argparse.Namespace) -> None:
             rows += [
                 flat({"cases": kind.name, "estimator": name, **each.row()})
                 for each in judged[name]]
-    if arguments.csv is not None and rows:
+    if arguments.csv is not None:
         write_whole(arguments.csv, as_csv(rows))
     if arguments.sea and not arguments.lamps:
         for name, estimator in estimators.items():
             _list_sea(name, estimator, arguments.sea)
+
+
+def _check_table(arguments: argparse.Namespace) -> None:
+    """Refuse a table that could not be written, before hours of work, or would have no row."""
+    table = arguments.csv
+    if table is None:
+        return
+    if table.exists():
+        raise InputError(f"{table} exists already: give another name")
+    if not table.absolute().parent.is_dir():
+        raise InputError(f"the folder of --csv {table} does not exist: make it first")
+    if arguments.pictures or not (arguments.scenes or arguments.middlebury or arguments.traced):
+        raise InputError(
+            "--csv has rows for --scenes, --middlebury and --traced without --pictures only: "
+            "give one of these, or leave it out")
 
 
 def _estimator(name: str) -> Estimator:
