@@ -39,6 +39,7 @@ def test_the_table_has_its_rows(tmp_path: Path, capsys: pytest.CaptureFixture[st
 @pytest.mark.parametrize(("arguments", "sentence"), [
     ([], "nothing to judge by"),
     (["--scenes", "{}/no"], "no"),
+    (["--middlebury", "{}"], "holds no scenes"),
     (["--traced", "{}"], "no traced scenes"),
     (["--pictures"], "no pictures"),
     (["--lamps"], "no scenes for lamps"),
@@ -46,6 +47,7 @@ def test_the_table_has_its_rows(tmp_path: Path, capsys: pytest.CaptureFixture[st
     (["--sea", "{}"], "no frames"),
     (["--sea", "{}", "--estimator", "{}/no.npz"], "no trained networks"),
     (["--sea", "{}", "--cases", "0"], "--cases"),
+    (["--sea", "{}", "--seed", "-1"], "--seed"),
     (["--scenes", "{}", "--csv", "{}"], "exists already"),
     (["--scenes", "{}", "--csv", "{}/no/cases.csv"], "the folder of --csv"),
     (["--sea", "{}", "--csv", "{}/cases.csv"], "leave it out"),

@@ -80,6 +80,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     check_range("--cases", arguments.cases, 1, 1_000_000)
+    check_range("--seed", arguments.seed, 0)
     _check_table(arguments)
     if arguments.pictures:
         _judge_pictures(arguments)
@@ -234,7 +235,10 @@ def _scenes(name: str, folder: Path) -> list:  # type: ignore[type-arg]
 
     if name == "scenes":
         return [load_scene(path) for path in pool(folder)]
-    return [middlebury(path) for path in sorted(folder.iterdir()) if path.is_dir()]
+    folders = [path for path in sorted(folder.iterdir()) if path.is_dir()]
+    if not folders:
+        raise InputError(f"{folder} holds no scenes: give the folder with those of Middlebury")
+    return [middlebury(path) for path in folders]
 
 
 def _list_sea(name: str, estimator: Estimator, folder: Path) -> None:
