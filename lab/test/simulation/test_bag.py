@@ -269,6 +269,7 @@ def test_automatic_white_balance_differs_from_frame_to_frame() -> None:
         (["--rate", "-1"], "rate"),
         (["--start", "yesterday"], "yesterday is not a time"),
         (["--start", "2050-01-01"], "from 1970 to 2037"),
+        (["--start", "2038-01-19T03:14:07Z", "--frames", "3"], "give an earlier start"),
         (["--width", "2"], "image size"),
         (["--baseline", "0"], "baseline"),
         (["--attenuation", "-1", "0"], "attenuation"),

@@ -78,6 +78,9 @@ TRANSMISSOMETER_NOISE = 0.02
 START = 1_700_000_000_000_000_000
 """Time of the first frame unless another is given, ns since 1970 (UTC)."""
 
+END_OF_STAMPS = (1 << 31) * 1_000_000_000
+"""Stamps of ROS have 31 bits of seconds; ns since 1970."""
+
 LEFT_FRAME = "stereo_left_optical_frame"
 RIGHT_FRAME = "stereo_right_optical_frame"
 DEPTH_FRAME = "map"
@@ -110,6 +113,11 @@ def write_transect(
             f"the position is {position[0]:g} {position[1]:g}: give latitude and longitude in "
             "degrees, at most 89 and 180"
         )
+    duration = (transect.frames - 1) / transect.rate
+    if start + round(duration * 1e9) >= END_OF_STAMPS:
+        raise InputError(
+            f"{duration:g} s from this start end after the stamps of ROS, in January 2038: give an "
+            "earlier start, or fewer frames")
     random = np.random.default_rng([transect.seed, 1])
     # A generator of its own does not change the depth sensor's noise.
     optical = np.random.default_rng([transect.seed, 3])
