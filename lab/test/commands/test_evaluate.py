@@ -74,6 +74,15 @@ def test_options_out_of_range(scene, tmp_path, capsys, words, named):
     assert named in refuse(capsys, scene, "-o", tmp_path / "out", *words)
 
 
+@pytest.mark.parametrize(("words", "named"), [
+    (["--frames", "20"], "--frames is for --lamps"),
+    (["--lamps", "--noise", "2"], "--noise is not for --lamps"),
+    (["--lamps", "--paper"], "--paper is not for --lamps"),
+])
+def test_options_of_the_other_study(tmp_path, capsys, words, named):
+    assert named in refuse(capsys, "-o", tmp_path / "out", *words)
+
+
 def test_a_survey_of_too_few_frames(tmp_path, capsys):
     assert "frames of the survey" in refuse(
         capsys, "--lamps", "--frames", "-3", "-o", tmp_path / "out")

@@ -199,6 +199,10 @@ def test_the_command_records_lamps_and_their_truth(tmp_path: Path) -> None:
     ("--lamp-positions 0 0 0.001", "within 0.01 m"),
     ("--lamps 2 --plume 0.1 0.5", "leave out the lamps"),
     ("--altitude 1 2 3", "--altitude"),
+    ("--lamp-power 2", "--lamp-power"),
+    ("--lamp-jitter 0.1", "--lamp-jitter"),
+    ("--strobe alternate", "--strobe"),
+    ("--no-shading --daylight", "--no-shading"),
 ])
 def test_bad_options_are_one_sentence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], options: str, what: str

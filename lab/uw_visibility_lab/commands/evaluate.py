@@ -83,6 +83,9 @@ QUICK_ATTENUATIONS, QUICK_DEPTHS = (0.0, 0.2), (2.0,)
 QUICK_SURVEY = 12
 NOISES, QUICK_NOISES = ("1", "2", "4", "camera"), ("2",)
 
+# Options of one study only: the experiments, and the survey.
+GRID, SURVEY = ("attenuation", "depth", "noise", "paper"), ("frames",)
+
 OPTIONS: Options = {
     "-o --output DIR": (REQUIRED, "folder for tables and figures", Path),
     "--force": (False, "replace the results of an earlier evaluation"),
@@ -127,6 +130,7 @@ def run(arguments: argparse.Namespace) -> None:
     PRODUCTS.check_room(arguments.output, force=arguments.force)
     refuse_inputs(
         [*arguments.datasets, arguments.params_file], PRODUCTS.present(arguments.output))
+    _refuse_ignored(arguments)
     study = _run_survey if arguments.lamps else _run_experiments
     with sole_writer(arguments.output):
         write, text = study(
@@ -136,6 +140,16 @@ def run(arguments: argparse.Namespace) -> None:
     print(text)
     say("")
     say(f"tables and figures: {arguments.output}")
+
+
+def _refuse_ignored(arguments: argparse.Namespace) -> None:
+    """Refuse options of the other study, which would run without them."""
+    others, what = (
+        (GRID, "not for --lamps: leave out one of them") if arguments.lamps
+        else (SURVEY, "for --lamps: give both, or neither"))
+    for name in others:
+        if getattr(arguments, name) not in (None, False):
+            raise InputError(f"--{name} is {what}")
 
 
 def _run_experiments(arguments: argparse.Namespace, progress: Progress) -> Written:

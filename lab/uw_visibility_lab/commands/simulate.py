@@ -8,7 +8,7 @@ import argparse
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from uw_visibility.commands.options import of_arguments
 from uw_visibility.errors import InputError, check_range
@@ -74,6 +74,31 @@ with lamps also:
 Ambient and scene light are those of daylight: 0 at night."""
 
 
+OF_LAMPS: dict[str, tuple[Any, ...]] = {
+    "--lamps N": (None, "1, 2 or 4 lamps at usual places on a vehicle", int),
+    "--lamp-positions M ...": (
+        None, "x y z of each lamp instead, from the left camera: right, down, forward"),
+    "--lamp-directions X ...": (
+        None, "x y z of each lamp's axis (default: ahead, or the rig's)"),
+    "--lamp-beam DEG": (
+        None, "full angle of the beams at half power; 0 for all directions (90)"),
+    "--lamp-power X ...": (
+        [1.0], "irradiance of white 1 m in front of a lamp, relative to daylight's at the "
+        "surface; one, or R G B"),
+    "--night": (False, "lamps without daylight, the default with lamps"),
+    "--daylight": (False, "daylight in addition to lamps"),
+    "--strobe {steady,alternate}": (
+        "steady", "alternate: lamps fire in every second frame"),
+    "--lamp-jitter SHARE": (
+        0.0, "relative standard deviation of each lamp's power from frame to frame"),
+    "--scattering-albedo R G B": (
+        (0.6, 0.75, 0.8), "share of scattering in attenuation"),
+    "--phase-function NAME": (
+        "henyey-greenstein", "henyey-greenstein or fournier-forand"),
+    "--no-shading": (
+        False, "every surface faces every lamp, as in the paper's model (default: Lambertian)"),
+}
+
 OPTIONS: Options = {
     "-o --output BAG": (REQUIRED, "folder of the new bag", Path),
     "--force": (False, "replace a simulated bag of that name"),
@@ -97,30 +122,7 @@ OPTIONS: Options = {
     "--depth-stddev M": (0.05, "noise of the depth sensor"),
     "--position LAT LON": (None, "record positions, too, /gps/fix: from here to the east"),
     "--threads N": (0, "threads; 0: one per processor"),
-    "lamps": {
-        "--lamps N": (None, "1, 2 or 4 lamps at usual places on a vehicle", int),
-        "--lamp-positions M ...": (
-            None, "x y z of each lamp instead, from the left camera: right, down, forward"),
-        "--lamp-directions X ...": (
-            None, "x y z of each lamp's axis (default: ahead, or the rig's)"),
-        "--lamp-beam DEG": (
-            None, "full angle of the beams at half power; 0 for all directions (90)"),
-        "--lamp-power X ...": (
-            [1.0], "irradiance of white 1 m in front of a lamp, relative to daylight's at the "
-            "surface; one, or R G B"),
-        "--night": (False, "lamps without daylight, the default with lamps"),
-        "--daylight": (False, "daylight in addition to lamps"),
-        "--strobe {steady,alternate}": (
-            "steady", "alternate: lamps fire in every second frame"),
-        "--lamp-jitter SHARE": (
-            0.0, "relative standard deviation of each lamp's power from frame to frame"),
-        "--scattering-albedo R G B": (
-            (0.6, 0.75, 0.8), "share of scattering in attenuation"),
-        "--phase-function NAME": (
-            "henyey-greenstein", "henyey-greenstein or fournier-forand"),
-        "--no-shading": (
-            False, "every surface faces every lamp, as in the paper's model (default: Lambertian)"),
-    },
+    "lamps": OF_LAMPS,
     "water": {
         "--veil RATIO ...": ([1.0], "veil B over light W on the scene, one ratio or R G B"),
         "--water-type TYPE": (
@@ -240,10 +242,21 @@ def _lighting(arguments: argparse.Namespace) -> Lighting:
         raise InputError("--night and --daylight exclude each other: give one of them")
     if arguments.night and not lamps:
         raise InputError("--night has no light without lamps: give some, as in --lamps 2")
+    if not lamps:
+        _refuse_ignored(arguments)
     return of_arguments(
         Lighting, arguments, lamps=lamps, daylight=arguments.daylight or not lamps,
         shaded=not arguments.no_shading, jitter=arguments.lamp_jitter,
     )
+
+
+def _refuse_ignored(arguments: argparse.Namespace) -> None:
+    """Refuse options of lamps, but for --daylight, which is what there is without them."""
+    for option, (default, *_) in OF_LAMPS.items():
+        name = option.split()[0]
+        given = getattr(arguments, name.removeprefix("--").replace("-", "_"))
+        if given != default and name != "--daylight":
+            raise InputError(f"{name} changes nothing without lamps: give some, as in --lamps 2")
 
 
 def _triples(option: str, values: list[float] | None) -> list[tuple[float, float, float]]:
