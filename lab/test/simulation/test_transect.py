@@ -11,7 +11,9 @@ import pytest
 
 from uw_visibility.errors import InputError
 from uw_visibility_lab.simulation.camera import StereoCamera
+from uw_visibility_lab.simulation.lamps import Lighting, default_rig
 from uw_visibility_lab.simulation.transect import Transect
+from uw_visibility_lab.simulation.water import WaterEffects
 
 SMALL = StereoCamera(64, 48, 60.0, 0.12)
 
@@ -25,6 +27,11 @@ def test_water_changes_steadily_between_its_ends() -> None:
     assert (depth[0], depth[-1], alpha[0], alpha[-1]) == pytest.approx((2.0, 6.0, 0.3, 0.05))
     assert (np.diff(depth) > 0.0).all()
     assert (np.diff(alpha) < 0.0).all()
+
+
+def test_lamps_light_what_daylight_does_not_reach() -> None:
+    night = Lighting(default_rig(2), daylight=False)
+    assert Transect(depth=(4000.0, 4000.0), lighting=night).depth == (4000.0, 4000.0)
 
 
 def test_another_seed_is_another_reef_and_the_same_seed_the_same() -> None:
@@ -56,6 +63,9 @@ def test_camera_moves_over_the_reef_and_never_into_it() -> None:
         ({"speed": -1.0}, "speed"),
         ({"seed": -1}, "seed"),
         ({"depth": (2.0, -1.0)}, "depth"),
+        ({"depth": (2.0, 1e9)}, "11000 m"),
+        ({"depth": (2.0, 3000.0)}, "no daylight .* 3000 m"),
+        ({"depth": (2.0, 11e3), "water_effects": WaterEffects(water_type="3C")}, "no daylight"),
         ({"attenuation": (-0.1, 0.3)}, "mean attenuation"),
     ],
 )

@@ -7,11 +7,11 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from uw_visibility.compute.threads import Workers
-from uw_visibility.errors import check_range
+from uw_visibility.errors import InputError, check_range
 from uw_visibility_lab.simulation.camera import CameraEffects, Pose, Sensor, StereoCamera
 from uw_visibility_lab.simulation.frame import Effects, RenderedFrame, Renderer
 from uw_visibility_lab.simulation.lamps import Lighting
@@ -64,7 +64,12 @@ class Transect:
         check_range("seed", self.seed, 0)
         check_range("ends of the altitude", self.altitude, 0.5, 20.0, "m")
         for progress in (0.0, 1.0):
-            self._water(progress)
+            water = self._water(progress)
+            # The veil relative to no light is no number.
+            if self.lighting.daylight and not replace(water, exposure=1.0).scene_light().all():
+                raise InputError(
+                    f"no daylight of some channel is left at a depth of {water.depth:g} m: give "
+                    "less depth or attenuation, or lamps at night")
 
     @property
     def length(self) -> float:

@@ -43,6 +43,9 @@ CLEAR_WATER = clear_water_attenuation(load_response(RESPONSE))
 EXPOSED = 0.8
 """Irradiance of white in the strongest channel with automatic exposure."""
 
+DEEPEST = 11_000.0
+"""Depth of the deepest sea, m."""
+
 CLEAR = "clear"
 """Name of clear sea water among the water types."""
 
@@ -107,7 +110,8 @@ def band_averages(
     light = weights.sum(axis=0) / surface.sum(axis=0)
     veil_weights = weights * (scattering / beam)[:, np.newaxis]
     decay = np.exp(-np.outer(_PATHS, beam))
-    with np.errstate(divide="ignore"):  # the logarithm of no light is clipped
+    # The logarithm of no light is clipped; where all is gone, `Transect` refuses the depth.
+    with np.errstate(divide="ignore", invalid="ignore"):
         transmission, unveiled = (
             np.maximum(np.log(decay @ w / w.sum(axis=0)), -700.0)
             for w in (weights, veil_weights)
@@ -188,7 +192,7 @@ class Water:
 
     def __post_init__(self) -> None:
         check_range("mean attenuation", self.mean_attenuation, 0.0, unit="1/m")
-        check_range("depth, positive down,", self.depth, 0.0, unit="m")
+        check_range("depth, positive down,", self.depth, 0.0, DEEPEST, unit="m")
         if self.exposure is not None:
             check_range("exposure", self.exposure, 0.0, above=True)
 
