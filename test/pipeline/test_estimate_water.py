@@ -56,6 +56,17 @@ def test_names_what_does_not_fit(rendered):
         estimate_water(left, disparity[:-1], rig)
     with pytest.raises(InputError, match="disparity_stddev"):
         estimate_water(left, disparity, rig, disparity_stddev=-1.0)
+    for other in (None, "1", np.nan, disparity):
+        with pytest.raises(InputError, match="disparity_stddev"):
+            estimate_water(left, disparity, rig, disparity_stddev=other)
+
+
+@pytest.mark.parametrize("shape", [(0, 0), (1, 1), (3, 700), (63, 700), (700, 95)])
+def test_names_an_image_that_is_too_small(shape):
+    disparity = np.linspace(5.0, 60.0, shape[0] * shape[1], dtype=np.float32).reshape(shape)
+    rig = StereoRig(600.0, 0.12, (47.5, 31.5))
+    with pytest.raises(InputError, match=f"{shape[1]}x{shape[0]} px: give at least 96x64 px"):
+        estimate_water(np.full((*shape, 3), 77, np.uint8), disparity, rig)
 
 
 def test_under_lamps_ranges_of_ones_own_tell_attenuation_but_no_depth():

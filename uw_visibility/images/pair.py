@@ -38,11 +38,7 @@ def check_pair(left: Any, right: Any) -> tuple[Image, Image]:
                 f"{side} image has shape {array.shape}: give (height, width, 3) RGB or "
                 "(height, width) grey"
             )
-        height, width = array.shape[:2]
-        if width < MIN_WIDTH or height < MIN_HEIGHT:
-            raise InputError(
-                f"{side} image is {width}x{height} px: give at least {MIN_WIDTH}x{MIN_HEIGHT} px"
-            )
+        check_size(f"{side} image", array.shape)
         images.append(read_only(np.ascontiguousarray(array)))
     if images[0].shape != images[1].shape or images[0].dtype != images[1].dtype:
         raise InputError(
@@ -50,6 +46,15 @@ def check_pair(left: Any, right: Any) -> tuple[Image, Image]:
             "give a pair of one size and type"
         )
     return images[0], images[1]
+
+
+def check_size(what: str, shape: tuple[int, ...]) -> None:
+    """Refuse an image that is too small for any estimate."""
+    height, width = shape[:2]
+    if width < MIN_WIDTH or height < MIN_HEIGHT:
+        raise InputError(
+            f"{what} is {width}x{height} px: give at least {MIN_WIDTH}x{MIN_HEIGHT} px"
+        )
 
 
 def check_valid(valid: Any, shape: tuple[int, ...]) -> Mask | None:

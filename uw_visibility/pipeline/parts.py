@@ -14,7 +14,7 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, Image, Mask, RangeMap
-from uw_visibility.images.pair import read_only
+from uw_visibility.images.pair import check_size, read_only
 from uw_visibility.images.view import View
 from uw_visibility.images.vignetting import FlatFieldCorrection
 from uw_visibility.pipeline.coincidence import show_one_scene
@@ -101,7 +101,7 @@ def estimate_water(
     Raises
     ------
     InputError
-        If shapes or types do not fit.
+        If shapes or types do not fit, or the image is smaller than 96x64 px.
     """
     image, disparity = np.asarray(image), np.asarray(disparity)
     if image.dtype not in (np.uint8, np.uint16):
@@ -111,9 +111,12 @@ def estimate_water(
             f"the disparities are {disparity.dtype} of shape {disparity.shape}, the image has "
             f"the shape {image.shape}: give one floating-point number per pixel, px, NaN where "
             "unknown")
-    if not (math.isfinite(disparity_stddev) and disparity_stddev >= 0):
+    valid = check_arrays(image, disparity, valid)
+    check_size("the image", image.shape)
+    number = isinstance(disparity_stddev, int | float | np.number)
+    if not (number and 0.0 <= disparity_stddev < math.inf):
         raise InputError(
-            f"disparity_stddev is {disparity_stddev:g} px: give 0 or a positive, finite number")
+            f"disparity_stddev is {disparity_stddev}: give 0 or a positive, finite number, px")
     config = config or PipelineConfig()
     camera = config.camera
     image = read_only(np.ascontiguousarray(image))
@@ -124,7 +127,6 @@ def estimate_water(
     assessor = Assessor(config)
     estimators = Estimators(config, assessor, rig)
     range_map = rig.range_from_disparity(disparity.astype(np.float32))
-    valid = check_arrays(image, range_map, valid)
     if show_one_scene(image, range_map):
         view = View.of(image[..., 0] if image.shape[2:] == (1,) else image, camera.transfer, valid)
         error = rig.range_error(disparity_stddev)
