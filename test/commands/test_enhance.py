@@ -20,6 +20,7 @@ from scenes import blurred, codes, stereo_pair, texture
 
 import uw_visibility
 from uw_visibility.cli import main
+from uw_visibility.stereo.rig import StereoRig
 
 NUMBERS = ("--focal-length", "400", "--baseline", "0.12")
 OUTPUTS = {
@@ -243,6 +244,20 @@ def test_calibration_and_numbers_say_the_same(tmp_path: Path, pair: tuple[str, s
         ranges.append(read(out / "range.pfm"))
     for other in ranges[1:]:
         np.testing.assert_array_equal(other, ranges[0])
+
+
+def test_what_matched_in_noise_is_not_filled(tmp_path: Path) -> None:
+    random = np.random.default_rng(1)
+    noisy = [codes(side / 255.0 + random.normal(0.0, 0.1, side.shape)) for side in make_pair()]
+    out = tmp_path / "out"
+    assert main(["enhance", *save(tmp_path, noisy), *NUMBERS, "-o", str(out)]) == 0
+    disparity, filled = read(out / "disparity.pfm"), read(out / "disparity_filled.pfm")
+    matched = np.isfinite(disparity)
+    assert 0.5 < matched.mean() < 1.0
+    np.testing.assert_array_equal(filled[matched], disparity[matched])
+    rig = StereoRig(400.0, 0.12, (79.5, 59.5))
+    np.testing.assert_allclose(
+        read(out / "range.pfm")[matched], rig.range_from_disparity(disparity)[matched], rtol=1e-5)
 
 
 def test_the_option_overrides_the_parameter_file(tmp_path: Path, pair: tuple[str, str]) -> None:

@@ -53,7 +53,7 @@ written to DIR:
   left_enhanced.png, right_enhanced.png   the images without the water
   disparity.pfm          matched pixels, px; inf = unmatched
   confidence.pfm         probability that disparity is within 1 px; 0 = unmatched
-  disparity_filled.pfm   gaps filled, for colour only, px; 0 = unknown
+  disparity_filled.pfm   disparity with gaps filled, as for colour, px; 0 = unknown
   range.pfm              distance along the line of sight, m, of disparity_filled;
                          0 = unknown or infinite
   report.json            the estimates; null = not assessable, status has the reason
@@ -219,9 +219,12 @@ def _write(
     write_pfm(folder / "disparity.pfm", matched)
     if result.stereo.confidence is not None:
         write_pfm(folder / "confidence.pfm", result.stereo.confidence)
-    for name, values in (
-        ("disparity_filled", result.stereo.filled), ("range", result.stereo.filled_range)
+    for name, measured, filled in (
+        ("disparity_filled", result.disparity, result.stereo.filled),
+        ("range", result.range, result.stereo.filled_range),
     ):
+        # Colour does without doubtful matches in noise, a user of the files not.
+        values = np.where(np.isfinite(measured), measured, filled)
         known = np.isfinite(values)
         if not known.all():
             share = 1.0 - known.mean()

@@ -34,8 +34,9 @@ class StereoResult:
     disparity : ndarray
         ``(H, W)`` float32, left-referenced, px; NaN where unmatched.
     filled : ndarray
-        ``(H, W)`` float32, px; gaps filled, for colour only. Finite everywhere if any pixel
-        matched; NaN everywhere if none did, or if no enhanced image was wanted.
+        ``(H, W)`` float32, px, for colour only; gaps filled, and in noise doubtful matches
+        replaced. Finite everywhere if any pixel matched; NaN everywhere if none did, or if no
+        enhanced image was wanted.
     range : ndarray
         ``(H, W)`` float32, m, of `disparity`, along the line of sight; NaN where unmatched.
     filled_range : ndarray
@@ -198,7 +199,7 @@ class FilledStereo(NamedTuple):
     ) -> FilledStereo:
         """Find the ranges of the left view, and of the right one if wanted.
 
-        `disparity` of the left view is NaN where unmatched, `filled` the same with gaps filled.
+        `disparity` of the left view is NaN where unmatched, `filled` that for colour, without gaps.
         """
         left = FilledRanges(rig.range_of_filled(filled), np.isfinite(disparity))
         of_right = None
