@@ -86,6 +86,48 @@ def test_camera_at_twice_the_rate_loses_every_other_image() -> None:
     assert sync.dropped == {"left image unmatched": 19}
 
 
+def recording(
+    start: float, count: int, skew: float, *lost: tuple[str, int]
+) -> list[tuple[str, float]]:
+    """List the images of two cameras at 10 Hz, the right one behind by a skew, but the lost ones.
+
+    Stamps are multiples of 1 ms, which are compared.
+    """
+    return [
+        (side, round(start + 0.1 * number + (skew if side == "right" else 0.0), 3))
+        for number in range(count) for side in ("left", "right") if (side, number) not in lost
+    ]
+
+
+@pytest.mark.parametrize("tolerance", [0.1, 0.25])
+@pytest.mark.parametrize("skew", [0.0, 0.02])
+def test_lost_image_costs_one_pair_where_the_tolerance_reaches_the_next_image(
+    tolerance: float, skew: float
+) -> None:
+    sync = synchronizer(tolerance)
+    lost = ("left", 3), ("right", 20), ("left", 40), ("left", 41)
+    frames = feed(sync, *recording(1.0, 60, skew, *lost))
+    gaps = [right - left for left, right in frames]
+    # What waited for the lost image may be given to the next one, but nothing after it.
+    assert sum(abs(gap - skew) > 1e-6 for gap in gaps) <= 2
+    assert len(frames) >= 56
+    assert 2 * len(frames) + sync.dropped.total() + sync.waiting == 120 - len(lost)
+
+
+@pytest.mark.parametrize("back", [0.25, 0.5, 50.0])
+def test_recording_that_starts_again_after_a_lost_image_is_followed(back: float) -> None:
+    # The last pair is of different images, so that stamps near it are compared.
+    sync = synchronizer(tolerance=0.1)
+    frames = feed(sync, *recording(50.0, 5, 0.0, ("left", 3)))
+    assert frames[-1] == (50.4, 50.3)
+    # All left images come first.
+    again = feed(sync, *sorted(recording(50.4 - back, 5, 0.0)))
+    assert [left for left, right in again if left == right] == [
+        round(50.4 - back + 0.1 * number, 3) for number in range(5)
+    ]
+    assert sync.restarts == 1
+
+
 def test_the_end_releases_the_last_pair_and_counts_what_has_no_partner() -> None:
     sync = synchronizer()
     sync.add_info("left", *at(1.0))

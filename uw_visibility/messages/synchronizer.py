@@ -33,10 +33,11 @@ class Synchronizer:
     """Synchroniser that pairs images by their stamps and adds each side's CameraInfo.
 
     An image is paired with the nearest waiting image of the other side within the
-    tolerance. If a camera sends a CameraInfo with every image, a pair waits for those
-    with its own stamps, until the next pair or `end_wait` at the latest; otherwise
-    the newest one is used at once. Every image becomes part of a frame or is counted
-    in `dropped`, and the number of waiting images is limited.
+    tolerance. An image whose partner was given to another one is dropped: if it waited, it
+    would take the partner of the next image, and so on. If a camera sends a CameraInfo
+    with every image, a pair waits for those with its own stamps, until the next pair or
+    `end_wait` at the latest; otherwise the newest one is used at once. Every image becomes
+    part of a frame or is counted in `dropped`, and the number of waiting images is limited.
 
     Recordings may be replayed from any stamp: if the stamps of a side jump back and
     increase from there, the synchroniser restarts.
@@ -66,6 +67,8 @@ class Synchronizer:
         self._pair: dict[str, tuple[int, Any]] | None = None
         self._waited: dict[str, tuple[int, Any]] | None = None
         self._last: int | None = None
+        # Stamps of the last pair, by side.
+        self._paired: dict[str, int] = {}
         # Stamps of the last frame, to see whether CameraInfo comes with every image.
         self._sent: dict[str, int] = {}
         self._with_every_image = dict.fromkeys(SIDES, False)
@@ -82,7 +85,7 @@ class Synchronizer:
         for side in SIDES if self._pair is not None else ():
             self._drop(f"{side} image without its camera_info")
         self._pair = self._waited = self._last = None
-        self._sent = {}
+        self._paired, self._sent = {}, {}
 
     def restart(self, now: int) -> None:
         """Reset after the clock was set back to `now`, ns; counted unless the stamps were first."""
@@ -149,11 +152,18 @@ class Synchronizer:
     def _take(self, side: str, stamp: int, image: Any) -> list[SynchronizedFrame]:
         """Pair an image with a waiting one, or let it wait."""
         other = SIDES[side == "left"]
+        if self._paired:
+            mine, theirs = self._paired[side], self._paired[other]
+            if abs(stamp - theirs) < abs(mine - theirs):
+                # Its own partner was given to an image that is farther from it.
+                self._drop(f"{side} image unmatched")
+                return []
         partner = self._partner(other, stamp)
         if partner is None:
             self._wait(side, stamp, image)
             return []
         pair = {side: (stamp, image), other: (partner, self._waiting[other].pop(partner))}
+        self._paired = {side: stamp, other: partner}
         restarted = self._advance(min(stamp, partner))
         frames = self._release(at_once=True)
         self._pair = pair
@@ -173,7 +183,7 @@ class Synchronizer:
         frames = self._release(at_once=True)
         self._forget_before_restart()
         self._last = None
-        self._sent = {}
+        self._paired, self._sent = {}, {}
         return frames + self._take_late()
 
     def _forget_before_restart(self) -> None:
