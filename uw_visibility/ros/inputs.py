@@ -5,7 +5,11 @@
 from __future__ import annotations
 
 import functools
+import itertools
+import math
+import statistics
 import time
+from bisect import bisect_left
 from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any
@@ -23,7 +27,10 @@ from uw_visibility.ros.transport.qos import AdaptiveReliabilitySubscription
 
 # Time without messages after which an input counts as stopped, s.
 SILENCE = 5.0
-RECENT_STAMPS = RECENT_DROPS = 10
+RECENT_DROPS = RECENT_PAIRS = 10
+# Number of stamps that are remembered, relative to `queue_size`: of a camera that is later than
+# the queue is long, the stamps are to be found.
+REMEMBERED_QUEUES = 10
 RESTING = "at rest (lazy): nobody subscribes to a result"
 # Largest value of synchronization.tolerance, s.
 LARGEST_TOLERANCE = 1.0
@@ -66,7 +73,10 @@ class StereoInput:
         self._recent = RecentCounts(SILENCE)
         self._latest_drops: deque[str] = deque(maxlen=RECENT_DROPS)
         self._arrivals: dict[str, float] = {}
-        self._stamps: dict[str, deque[int]] = {side: deque(maxlen=RECENT_STAMPS) for side in SIDES}
+        # Stamps of the images since the last frame, in the order of arrival.
+        self._stamps: dict[str, deque[int]] = {side: deque() for side in SIDES}
+        # Stamps of the last frames, left and right.
+        self._pairs: deque[tuple[int, int]] = deque(maxlen=RECENT_PAIRS)
         self._images: dict[str, AdaptiveReliabilitySubscription] = {}
         # Images lost by the middleware, of destroyed subscriptions.
         self._lost = 0
@@ -125,12 +135,21 @@ class StereoInput:
         for reason, advice in ADVICE.items():
             if reason in drops:
                 return advice
-        tolerance = self._parameters.settings.node.synchronization.tolerance
-        gap = self._stamp_gap()
-        if gap is not None and gap > LARGEST_TOLERANCE:
+        config = self._parameters.settings.node.synchronization
+        tolerance, size = config.tolerance, config.queue_size
+        nanoseconds, delay = self._nearest() or (0, 0)
+        gap = 1e-9 * abs(nanoseconds)
+        if gap > LARGEST_TOLERANCE:
             return (
                 f"left and right images have no stamps in common, the nearest are {gap:.3g} s "
                 "apart: take both stamps from one clock"
+            )
+        # The partner of each image comes after that has left the queue.
+        if abs(nanoseconds) <= round(tolerance * 1e9) and abs(delay) >= size:
+            later, earlier = ("right", "left") if delay > 0 else ("left", "right")
+            return (
+                f"{later} images arrive {abs(delay)} images after the {earlier} ones: "
+                f"raise synchronization.queue_size, which is {size}"
             )
         return (
             "left and right images have no stamps in common: "
@@ -158,8 +177,11 @@ class StereoInput:
         )
         values["waiting images"] = sync.waiting
         values["restarts"] = sync.restarts
-        gap = self._stamp_gap()
-        values["stamp gap (s)"] = "" if gap is None else f"{gap:.6f}"
+        for name, gap in (
+            ("stamp gap (s)", self._pairs[-1][0] - self._pairs[-1][1] if self._pairs else None),
+            ("smallest stamp gap since (s)", nearest[0] if (nearest := self._nearest()) else None),
+        ):
+            values[name] = "" if gap is None else f"{1e-9 * gap:.6f}"
         for topic, image in self._images.items():
             values[f"reliability of {topic}"] = image.reliability
         for topic in self._images | self._infos:
@@ -174,6 +196,8 @@ class StereoInput:
         reason = self.silence()
         if reason:
             return Finding(WARN if " yet" in reason else ERROR, reason, values)
+        if self._mismatch():
+            return Finding(WARN, self._mismatch(), values)
         drops = {name: count for name, count in recent.items() if name.startswith("dropped ")}
         if drops:
             worst = max(drops, key=drops.__getitem__)
@@ -212,9 +236,12 @@ class StereoInput:
             self.synchronizer.refuse_image(side, TOO_LARGE)
             return
         stamp = stamp_to_nanoseconds(message.header.stamp)
+        stamps, config = self._stamps[side], settings.synchronization
         if stamp:
-            self._stamps[side].append(stamp)
-        self.synchronizer.config = settings.synchronization
+            stamps.append(stamp)
+        while len(stamps) > REMEMBERED_QUEUES * config.queue_size:
+            stamps.popleft()
+        self.synchronizer.config = config
         restarts = self.synchronizer.restarts
         frames = self.synchronizer.add_image(side, stamp, message)
         if self.synchronizer.restarts != restarts:
@@ -229,14 +256,44 @@ class StereoInput:
     def _hand_on(self, frames: list[SynchronizedFrame]) -> None:
         for synchronized in frames:
             self._arrivals["frame"] = time.monotonic()
-            _, _, *messages = synchronized
+            for stamps in self._stamps.values():
+                stamps.clear()
+            left, right, *messages = synchronized
+            self._pairs.append((left, right))
             self._offer(StereoFrame(*messages))
 
     def _report_drop(self, reason: str) -> None:
         self._drops.add(f"dropped: {reason}")
         self._latest_drops.append(reason)
 
-    def _stamp_gap(self) -> float | None:
-        """Return the smallest difference of recent stamps of the two sides, s."""
-        gaps = [abs(a - b) for a in self._stamps["left"] for b in self._stamps["right"]]
-        return 1e-9 * min(gaps) if gaps else None
+    def _mismatch(self) -> str:
+        """Return that images of different moments were paired lately, or ""."""
+        stamps = [left for left, _ in self._pairs]
+        periods = [b - a for a, b in itertools.pairwise(stamps) if b > a]
+        gap = max((abs(left - right) for left, right in self._pairs), default=0)
+        # Another image of the camera was nearer: it was lost, or has another partner.
+        half = statistics.median(periods) / 2 if periods else math.inf
+        if gap <= half:
+            return ""
+        return (
+            f"left and right images are paired {1e-9 * gap:.3g} s apart, more than half of "
+            f"their period: trigger both cameras together, and set synchronization.tolerance "
+            f"below {1e-9 * half:.3g} s"
+        )
+
+    def _nearest(self) -> tuple[int, int] | None:
+        """Return the smallest gap of left and right stamps since the last frame, and the delay.
+
+        The gap is left minus right, ns; the delay is by how many images the right one came later.
+        """
+        left, right = (list(self._stamps[side]) for side in SIDES)
+        places = {stamp: place for place, stamp in enumerate(right, -len(right))}
+        ordered = sorted(places)
+        found = []
+        for place, stamp in enumerate(left, -len(left)):
+            index = bisect_left(ordered, stamp)
+            found += [
+                (stamp - other, places[other] - place)
+                for other in ordered[max(index - 1, 0) : index + 1]
+            ]
+        return min(found, key=lambda pair: abs(pair[0]), default=None)
