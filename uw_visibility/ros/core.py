@@ -10,6 +10,7 @@ import time
 import traceback
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from operator import attrgetter
 from typing import Any
 
 from rclpy.clock import Clock, ClockType, JumpThreshold
@@ -535,6 +536,8 @@ def _values(result: FrameResult, filtered: FilteredWater | None) -> dict[str, An
 
 
 SENSOR_TOPIC = "depth_sensor"
+# Parameters by which the depth that a message means changes.
+MEANING = attrgetter("sensor_sign", "sensor_offset", "density", "surface_pressure")
 
 LEVELS = {
     Verdict.OK: OK, Verdict.WARN: WARN, Verdict.ERROR: ERROR,
@@ -549,7 +552,7 @@ class DepthCheck:
         self._node = node
         self._parameters = parameters
         self._monitor = DepthMonitor(parameters.settings.node.plausibility)
-        self._pipeline = parameters.settings.pipeline
+        self._learned_with = self._terms()
         self._lock = threading.Lock()
         log = node.get_logger()
         self._refusals = ReasonLog(lambda line: log.warning(line))
@@ -628,13 +631,17 @@ class DepthCheck:
         self._publish(comparisons)
 
     def _updated_monitor(self) -> DepthMonitor:
-        settings = self._parameters.settings
-        self._monitor.config = settings.node.plausibility
-        if settings.pipeline != self._pipeline:
-            # The learned bias holds for one configuration, such as the white reference.
-            self._pipeline = settings.pipeline
+        self._monitor.config = self._parameters.settings.node.plausibility
+        terms = self._terms()
+        if terms != self._learned_with:
+            self._learned_with = terms
             self._monitor.reset()
         return self._monitor
+
+    def _terms(self) -> tuple[Any, ...]:
+        """Return what the learned bias holds for, such as white reference and sensor's offset."""
+        settings = self._parameters.settings
+        return settings.pipeline, *MEANING(settings.node.plausibility)
 
     def _publish(self, comparisons: list[Comparison]) -> None:
         frame = self._parameters.settings.node.depth_frame
