@@ -251,13 +251,15 @@ def test_a_network_that_fails_three_times_in_a_row_is_replaced(
     assert "".join(capfd.readouterr()).count("failed 3 times in a row") == 1
 
 
-def test_images_that_memory_has_no_room_for_are_refused_before_they_are_read(core: Any) -> None:
-    huge = CameraInfo(width=30000, height=30000)
-    core.worker.offer(FRAME._replace(left_info=huge, right_info=huge))
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_images_that_memory_has_no_room_for_are_refused_before_they_are_read(
+    core: Any, side: str
+) -> None:
+    core.worker.offer(FRAME._replace(**{f"{side}_info": CameraInfo(width=30000, height=30000)}))
     wait(lambda: core.state.refused == 1)
     (reason,) = core.state.failures.counts
     assert "30000x30000 pixels, more than max_megapixels, which is 8" in reason
-    assert core._processor.asked == []
+    assert core._processor.used == []
 
 
 FLAT = Status.RANGE_SPREAD_TOO_SMALL

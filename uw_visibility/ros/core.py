@@ -295,13 +295,16 @@ class NodeCore:
     def _read(
         self, frame: StereoFrame, settings: Settings, pipeline: PipelineConfig, lane: int
     ) -> FrameWork:
-        width, height = image_size(frame.left_info, "left")
-        check_megapixels(width, height, settings.node.max_megapixels)
+        # Either may be the larger one; that they differ is said when both are read.
+        sizes = [image_size(frame.left_info, "left"), image_size(frame.right_info, "right")]
+        for size in sizes:
+            check_megapixels(*size, settings.node.max_megapixels)
         work = self._processor.begin(frame, pipeline, lane)
         calibrations = self._processor.reader.calibrations
         if calibrations > max(self.state.calibrations, 1):
             self._changes.add("camera_info has changed: using the new calibration")
         self.state.calibrations = calibrations
+        width, height = sizes[0]
         self._images = work.rig, (height, width)
         return work
 
