@@ -200,6 +200,15 @@ def test_sensor_of_another_clock_is_stale_and_waiting_estimates_are_bounded() ->
     assert report.unmatched > 900
 
 
+def test_values_with_a_repeated_or_older_stamp_are_counted_and_not_used() -> None:
+    monitor = DepthMonitor(CONFIG)
+    for seconds in (1.0, 1.5, 1.5, 1.2, 2.0):
+        monitor.add_sensor(sample(seconds, 4.0), seconds)
+    assert monitor.report(2.0).repeated == 2
+    (comparison,) = monitor.add_estimate(sample(1.75, 4.0), Status.OK, 2.0)
+    assert comparison.sensor.depth == 4.0
+
+
 def test_estimate_waits_for_the_sensor() -> None:
     monitor = DepthMonitor(CONFIG)
     monitor.add_sensor(sample(1.0, 4.0), 1.0)

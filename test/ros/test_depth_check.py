@@ -121,3 +121,19 @@ def test_sensor_that_is_read_otherwise_is_learned_anew(
     assert world.value("verdict") == "ok"
     learned = 0.0 if name == "sensor_offset" else 4.0
     assert float(world.value("learned bias (m)")) == pytest.approx(learned, abs=0.1)
+
+
+def test_sensor_on_another_clock_is_not_called_silent(make_world: Callable[..., World]) -> None:
+    world = make_world()
+    world.connect()
+    world.until(lambda: "1 publisher, from which nothing" in world.check.diagnose().message)
+    for seconds in range(100, 103):
+        world.estimate(seconds)
+        world.sense(seconds + 10**9, DEPTH)
+    world.until(lambda: world.value("estimates without a sensor value") == 3)
+    assert world.check.diagnose().message == (
+        "stale: no depth_sensor value at the stamps of the images: are both on one clock?"
+    )
+    # Its stamp stands still.
+    world.sense(102 + 10**9, DEPTH)
+    world.until(lambda: world.value("sensor values with a repeated or older stamp") == 1)

@@ -153,9 +153,10 @@ class Report:
     ----------
     reason : str
         The verdict in a sentence.
-    compared, failed, inconclusive, unmatched : int
+    compared, failed, inconclusive, unmatched, repeated : int
         Numbers of comparisons; of those beyond their gate; of those within a gate too wide
-        to be conclusive; of estimates without a sensor's value at their stamp.
+        to be conclusive; of estimates without a sensor's value at their stamp; of the sensor's
+        values that are not used, because their stamp is not newer than the one before.
     evidence : float
         Of a fault, s: the mean time until a correct sensor shows as much is at least this.
     bias, bias_stddev : float
@@ -169,6 +170,7 @@ class Report:
     failed: int
     inconclusive: int
     unmatched: int
+    repeated: int
     evidence: float
     bias: float
     bias_stddev: float

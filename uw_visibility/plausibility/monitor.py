@@ -41,6 +41,7 @@ HOUR = 3600.0
 # Tolerance for rounding at the limit of evidence.
 REACHED = 1.0 - 1e-9
 NO_SENSOR = "no depth_sensor yet"
+OTHER_STAMPS = "no depth_sensor value at the stamps of the images: are both on one clock?"
 # Step by which a comparison changes the logarithm of the gate, so that in the long run the
 # configured share passes, whatever the camera's errors are: that of Angelopoulos, Candes and
 # Tibshirani (2023, doi:10.48550/arXiv.2307.16895), relative to the gate.
@@ -80,7 +81,7 @@ class DepthMonitor:
         self._sensor_arrival = self._estimate_arrival = -math.inf
         self._compared_arrival = self._conclusive_arrival = -math.inf
         self._compared = self._failed = self._inconclusive = 0
-        self._unmatched = 0
+        self._unmatched = self._repeated = 0
 
     def add_sensor(self, sample: DepthSample, arrival: float) -> list[Comparison]:
         """Add a value of the sensor.
@@ -102,6 +103,7 @@ class DepthMonitor:
         if sample.stamp < newest - RESTART_NANOSECONDS:
             self._samples.clear()
         elif sample.stamp <= newest:
+            self._repeated += 1
             return []
         self._samples.append(sample)
         return self._compare_waiting(arrival)
@@ -141,7 +143,8 @@ class DepthMonitor:
         bias, bias_stddev = model.right.constant if model is not None else (math.nan, math.nan)
         return Report(
             verdict, reason, self._last, self._compared, self._failed, self._inconclusive,
-            self._unmatched, model.evidence if model is not None else 0.0, bias, bias_stddev,
+            self._unmatched, self._repeated, model.evidence if model is not None else 0.0,
+            bias, bias_stddev,
         )
 
     def _compare_waiting(self, arrival: float) -> list[Comparison]:
@@ -211,9 +214,7 @@ class DepthMonitor:
             return Verdict.NOT_ASSESSABLE, f"the depth is not assessable: {self._status}"
         model, last = self._model, self._last
         if model is None or last is None or now - self._compared_arrival > config.timeout:
-            return Verdict.STALE, (
-                "no depth_sensor value at the stamps of the images: are both on one clock?"
-            )
+            return Verdict.STALE, OTHER_STAMPS
         bias, bias_stddev = model.right.constant
         found = (
             f"sensor {last.innovation:+.2f} m from the prediction, gate {last.gate:.2f} m, "

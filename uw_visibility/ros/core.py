@@ -31,7 +31,7 @@ from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.processor import FrameProcessor, FrameWork, try_out, warm_up
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.plausibility.comparison import Comparison, DepthSample, Report, Verdict
-from uw_visibility.plausibility.monitor import NO_SENSOR, DepthMonitor
+from uw_visibility.plausibility.monitor import NO_SENSOR, OTHER_STAMPS, DepthMonitor
 from uw_visibility.ros.inputs import RESTING, SILENCE, StereoInput
 from uw_visibility.ros.monitor import (
     ERROR,
@@ -617,7 +617,8 @@ class DepthCheck:
         if report.reason == NO_SENSOR and not self._node.count_publishers(topic):
             return Finding(OK, f"no sensor: nobody publishes {topic}", values)
         message = f"{report.verdict}: {report.reason}"
-        if report.reason.startswith("no depth_sensor"):
+        # Values arrive where only their stamps do not fit.
+        if report.reason.startswith("no depth_sensor") and report.reason != OTHER_STAMPS:
             message += f", {describe_publishers(self._node, self._subscription)}"
         return Finding(LEVELS[report.verdict], message, values)
 
@@ -661,6 +662,7 @@ def _report_values(report: Report) -> dict[str, Any]:
         "evidence of a fault (s)": f"{report.evidence:.4g}",
         "too uncertain to judge": report.inconclusive,
         "estimates without a sensor value": report.unmatched,
+        "sensor values with a repeated or older stamp": report.repeated,
         "learned bias (m)": _number(report.bias),
         "learned bias stddev (m)": _number(report.bias_stddev),
     }
