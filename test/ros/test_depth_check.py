@@ -19,7 +19,7 @@ pytest.importorskip("rclpy", reason="ROS is not installed")
 
 import rclpy
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -39,7 +39,11 @@ class World:
         self.node = Node("uw_visibility", namespace="/depth", context=self.context)
         self.made = ExitStack()
         self.check = DepthCheck(self.node, NodeParameters(self.node), self.made)
-        self.publisher = self.node.create_publisher(kind, "depth_sensor", 10)
+        # Fast DDS allows one type for a topic in a context.
+        self.other_context = rclpy.Context()
+        rclpy.init(context=self.other_context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
+        self.sensor = Node("sensor", namespace="/depth", context=self.other_context)
+        self.publisher = self.sensor.create_publisher(kind, "depth_sensor", 10)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.until(lambda: self.node.count_publishers("depth_sensor") == 1)
@@ -95,8 +99,10 @@ def make_world(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., World]
     for world in worlds:
         world.executor.shutdown()
         world.made.close()
-        world.node.destroy_node()
+        for node in (world.node, world.sensor):
+            node.destroy_node()
         world.context.try_shutdown()
+        world.other_context.try_shutdown()
 
 
 @pytest.mark.parametrize(("name", "value"), [
@@ -121,6 +127,18 @@ def test_sensor_that_is_read_otherwise_is_learned_anew(
     assert world.value("verdict") == "ok"
     learned = 0.0 if name == "sensor_offset" else 4.0
     assert float(world.value("learned bias (m)")) == pytest.approx(learned, abs=0.1)
+
+
+def test_sensor_of_another_type_is_told_with_the_parameter(
+    make_world: Callable[..., World]
+) -> None:
+    world = make_world(PointStamped)
+    # Its name may become known after it.
+    world.until(lambda: world.check.diagnose().message == (
+        "stale: no depth_sensor yet, /depth/depth_sensor has 1 publisher, "
+        "/depth/sensor publishes geometry_msgs/msg/PointStamped, "
+        "expected geometry_msgs/msg/PoseWithCovarianceStamped: set plausibility.sensor_type"
+    ))
 
 
 def test_sensor_on_another_clock_is_not_called_silent(make_world: Callable[..., World]) -> None:

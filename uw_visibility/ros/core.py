@@ -619,7 +619,8 @@ class DepthCheck:
         message = f"{report.verdict}: {report.reason}"
         # Values arrive where only their stamps do not fit.
         if report.reason.startswith("no depth_sensor") and report.reason != OTHER_STAMPS:
-            message += f", {describe_publishers(self._node, self._subscription)}"
+            remedy = "set plausibility.sensor_type"
+            message += f", {describe_publishers(self._node, self._subscription, remedy)}"
         return Finding(LEVELS[report.verdict], message, values)
 
     def _on_sensor(self, message: Any) -> None:

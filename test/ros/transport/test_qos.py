@@ -16,7 +16,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from uw_visibility.ros.transport.qos import AdaptiveReliabilitySubscription
 
@@ -201,6 +201,26 @@ def test_publisher_that_is_not_heard_is_named_with_its_reason(
         "/info has 1 publisher, the QoS of /speaker is not compatible: "
         "Best effort publisher and reliable subscription"
     )
+
+
+def test_publisher_of_another_type_is_named_and_not_followed(
+    make_world: Callable[..., World]
+) -> None:
+    world = make_world()
+    # Fast DDS allows one type for a topic in a context.
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    stranger = Node("stranger", context=context)
+    stranger.create_publisher(CompressedImage, "info", QoSProfile(depth=1, reliability=BEST_EFFORT))
+    # Its name may become known after it.
+    world.until(lambda: world.subscription.describe_publishers() == (
+        "/info has 1 publisher, /stranger publishes sensor_msgs/msg/CompressedImage, "
+        "expected sensor_msgs/msg/CameraInfo: remap the topic, or set image_transport"
+    ))
+    world.publisher(RELIABLE)
+    world.adapt("reliable")
+    stranger.destroy_node()
+    context.try_shutdown()
 
 
 @pytest.mark.parametrize("wish", ["best_effort", "reliable"])

@@ -24,7 +24,7 @@ from rclpy.qos import (
 )
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 
-from uw_visibility.errors import printable, refusing
+from uw_visibility.errors import LONGEST_MESSAGE, printable, refusing
 from uw_visibility.messages.images import stamp_to_nanoseconds
 
 QOS_PREFIX = "qos_overrides."
@@ -74,20 +74,32 @@ def subscribe_to(
     return _with_overrides(node.create_subscription, kind, topic, callback, qos, settle=settle)
 
 
-def describe_publishers(node: Node, subscription: Any) -> str:
-    """Describe the publishers of a subscription's topic, and any mismatch of QoS."""
+def describe_publishers(node: Node, subscription: Any, remedy: str = "remap the topic") -> str:
+    """Describe the publishers of a subscription's topic, and any mismatch of type or QoS.
+
+    remedy: what to do if messages have another type.
+    """
     name = subscription.topic_name
     publishers = node.get_publishers_info_by_topic(name)
     if not publishers:
         return f"{name} has no publisher"
     text = f"{name} has {len(publishers)} publisher{'s' * (len(publishers) > 1)}"
+    expected = type_name(subscription.msg_type)
     for info in publishers:
+        publisher = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+        if info.topic_type != expected:
+            other = f"{publisher} publishes {info.topic_type}, expected {expected}: {remedy}"
+            return printable(f"{text}, {other}", LONGEST_MESSAGE)
         compatibility, reason = qos_check_compatible(info.qos_profile, subscription.qos_profile)
         if compatibility == QoSCompatibility.ERROR:
-            publisher = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
             why = reason.removeprefix("ERROR: ").rstrip("; ")
             return printable(f"{text}, the QoS of {publisher} is not compatible: {why}")
     return f"{text}, from which nothing arrives"
+
+
+def type_name(kind: type) -> str:
+    """Return the name of a message's type, such as ``sensor_msgs/msg/Image``."""
+    return f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
 
 
 def _with_overrides(
@@ -154,6 +166,8 @@ class AdaptiveReliabilitySubscription:
         offered = {
             info.qos_profile.reliability
             for info in self._node.get_publishers_info_by_topic(self._topic)
+            # Nothing arrives from others, whatever they offer.
+            if info.topic_type == type_name(self._kind)
         }
         best = ReliabilityPolicy.BEST_EFFORT
         if offered == {ReliabilityPolicy.RELIABLE}:
@@ -167,7 +181,8 @@ class AdaptiveReliabilitySubscription:
 
     def describe_publishers(self) -> str:
         """Describe the topic's publishers; see `uw_visibility.ros.transport.qos`."""
-        return describe_publishers(self._node, self._present)
+        return describe_publishers(
+            self._node, self._present, "remap the topic, or set image_transport")
 
     def destroy(self) -> None:
         while self._subscriptions:
