@@ -226,6 +226,9 @@ def test_configuration_that_fails_leaves_nothing_behind(
         assert not managed.change(CONFIGURE)
         assert managed.state == UNCONFIGURED
     assert "did you mean qos_overrides./refused/" in process.log
+    status = managed.client.diagnosed(
+        "lifecycle", "unconfigured: cannot be configured: unknown parameter qos_overrides.")
+    assert status.level == DiagnosticStatus.ERROR
     node = managed.client.node
     for count in (node.count_publishers, node.count_subscribers):
         topic = "disparity" if count == node.count_publishers else "left/image_rect"

@@ -14,7 +14,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from uw_visibility.errors import InputError, printable
-from uw_visibility.ros.monitor import OK, WARN, Finding
+from uw_visibility.ros.monitor import ERROR, OK, WARN, Finding
 from uw_visibility.ros.run import STOP_TIMEOUT, run
 
 if TYPE_CHECKING:
@@ -42,6 +42,8 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         self._make_core = NodeCore
         self._node_parameters = NodeParameters(self)
         self._core: NodeCore | None = None
+        # Why the last configuration failed, or "".
+        self._refusal = ""
         # Workers still busy after a clean-up, such as compiling; an exit does not wait for them.
         self._unfinished: list[NewestWorker[StereoFrame]] = []
         self._change = self._service_change_state.callback
@@ -86,6 +88,7 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         self._destroy_core()
         self._unfinished = [worker for worker in self._unfinished if not worker.stop(0.0)]
         self._core = self._make_core(self, self._node_parameters)
+        self._refusal = ""
 
     def _destroy_core(self) -> None:
         if self._core is None:
@@ -106,7 +109,8 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         try:
             work()
         except InputError as error:
-            self.get_logger().error(f"cannot be configured: {error}")
+            self._refusal = f"cannot be configured: {error}"
+            self.get_logger().error(self._refusal)
             return TransitionCallbackReturn.FAILURE
         except Exception as error:
             self.faults.add(error)
@@ -130,6 +134,8 @@ class UwVisibilityLifecycleNode(LifecycleNode):
     def _diagnose(self) -> Mapping[str, Finding]:
         label = self._state_machine.current_state[1]
         finding = Finding(OK if label == "active" else WARN, label)
+        if self._refusal:
+            finding = Finding(ERROR, f"{label}: {self._refusal}")
         return {"lifecycle": finding} | dict(self._core.diagnose() if self._core else {})
 
 
