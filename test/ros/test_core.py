@@ -203,6 +203,32 @@ def test_images_like_video_are_asked_about_once_where_no_transfer_is_told(
     assert "".join(capfd.readouterr()).count("transfer is not set: give --transfer srgb") == times
 
 
+@pytest.mark.parametrize("failure", [None, ZeroDivisionError("inside")])
+def test_frames_that_a_deactivation_takes_are_counted(
+    core: Any, monkeypatch: pytest.MonkeyPatch, failure: Exception | None
+) -> None:
+    begun, hold = threading.Event(), threading.Event()
+
+    def assess(topics: Any, **known: Any) -> Any:
+        begun.set()
+        assert hold.wait(20)
+        if failure is not None:
+            raise failure
+        return RESULT
+
+    monkeypatch.setattr(core._processor, "assess", assess)
+    core.worker.offer(FRAME)
+    assert begun.wait(20)
+    # One waits meanwhile.
+    core.worker.offer(FRAME)
+    core.deactivate()
+    hold.set()
+    wait(lambda: core.state.discarded == 2)
+    values = core.diagnose()["pipeline"].values
+    assert values["frames discarded (not active)"] == 2
+    assert sum(values[f"frames {name}"] for name in ("processed", "refused", "failed")) == 0
+
+
 def test_failure_costs_one_frame_and_tells_its_traceback_once(
     core: Any, capfd: pytest.CaptureFixture[str]
 ) -> None:

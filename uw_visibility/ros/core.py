@@ -225,6 +225,7 @@ class NodeCore:
     def _process(self, frame: StereoFrame, turn: Turn) -> None:
         """Process a frame; an error loses this frame only and is reported."""
         if not self._wanted():
+            self.state.discard()
             return
         pipeline = self._settings.pipeline
         # Networks use threads of their own, and memory may not suffice for two at once.
@@ -246,6 +247,8 @@ class NodeCore:
                 if self._wanted():
                     reason = f"lost a frame to {describe_fault(error)}"
                     self.state.fail(reason, f"\n{traceback.format_exc()}")
+                else:
+                    self.state.discard()
 
     def _run_pipeline(self, frame: StereoFrame, turn: Turn) -> None:
         """Read a frame, run the pipeline, and publish the results in the order of the frames."""
@@ -268,6 +271,7 @@ class NodeCore:
         turn.wait()
         self.state.substitute.succeed()
         if not self._wanted():
+            self.state.discard()
             return
         assessed = time.perf_counter()
         with self._filtering:
@@ -384,8 +388,8 @@ class Substitute:
 class PipelineState:
     """Counts frames by their outcome; written by the worker, read by the diagnostics.
 
-    processed, refused, failed: numbers of frames with published results, with unusable input, and
-        lost to internal errors.
+    processed, refused, failed, discarded: numbers of frames with published results, with unusable
+        input, lost to internal errors, and paired before the node was deactivated.
     calibrations: changes of the calibration, including the first one.
     failures: log of the reasons why frames gave no result.
     models: SHA-256 of the networks in use, by name of parameter.
@@ -394,7 +398,7 @@ class PipelineState:
 
     def __init__(self, failures: ReasonLog) -> None:
         self.ready = False
-        self.processed = self.refused = self.failed = 0
+        self.processed = self.refused = self.failed = self.discarded = 0
         self.calibrations = 0
         self.failures = failures
         self._recent = RecentCounts(SILENCE)
@@ -449,6 +453,11 @@ class PipelineState:
             self.failures.add(reason, details)
             self.failed += 1
 
+    def discard(self) -> None:
+        """Count a frame whose result is not wanted any more."""
+        with self._lock:
+            self.discarded += 1
+
     def obstacle(self) -> str:
         """Return the reason why no frame is processed, or ""."""
         if not self.ready:
@@ -469,7 +478,7 @@ class PipelineState:
     def diagnose(self, silence: str, skipped: int) -> Finding:
         counts = {
             "processed": self.processed, "refused": self.refused, "failed": self.failed,
-            "skipped": skipped,
+            "skipped": skipped, "discarded (not active)": self.discarded,
         }
         recent = self._recent.update(time.monotonic(), counts)
         rate = recent.get("processed", 0) / max(self._recent.duration, 1e-9)
