@@ -153,7 +153,7 @@ class NodeCore:
     def activate(self) -> None:
         """Start to accept images and to publish results."""
         self._active_since = time.monotonic()
-        self.input.active = True
+        self.input.activate()
 
     def deactivate(self) -> None:
         """Stop accepting images and publishing results."""

@@ -50,7 +50,7 @@ class StereoInput:
 
     offer: called with each stereo frame.
     on_restart: called when the stamps jump back.
-    active: whether images are accepted; CameraInfo always is.
+    active: whether images are accepted, see `activate`; CameraInfo always is.
     resting: whether there are no subscriptions; see `rest`.
     """
 
@@ -101,6 +101,11 @@ class StereoInput:
             self.synchronizer.reset()
         else:
             self._subscribe()
+
+    def activate(self) -> None:
+        """Accept images; frames are due from now on."""
+        self.active = True
+        self._arrivals["frame"] = time.monotonic()
 
     def update_qos(self) -> None:
         """Adapt the QoS of the images to their publishers; called by a timer."""
@@ -227,7 +232,7 @@ class StereoInput:
             )
 
     def _on_image(self, side: str, topic: str, message: Any) -> None:
-        self._arrivals[topic] = time.monotonic()
+        self._note(topic)
         if not self.active:
             return
         settings = self._parameters.settings.node
@@ -248,8 +253,15 @@ class StereoInput:
             self._on_restart()
         self._hand_on(frames)
 
+    def _note(self, topic: str) -> None:
+        """Note an arrival; after the first one, or the first image again, frames are due."""
+        now, last = time.monotonic(), self._arrivals.get(topic)
+        if last is None or (topic in self._images and now - last > SILENCE):
+            self._arrivals["frame"] = now
+        self._arrivals[topic] = now
+
     def _on_info(self, side: str, topic: str, message: CameraInfo) -> None:
-        self._arrivals[topic] = time.monotonic()
+        self._note(topic)
         stamp = stamp_to_nanoseconds(message.header.stamp)
         self._hand_on(self.synchronizer.add_info(side, stamp, message))
 
