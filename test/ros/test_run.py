@@ -120,6 +120,15 @@ def run_python(code: str) -> tuple[str, str, int]:
     return ended.stdout, ended.stderr, ended.returncode
 
 
+def test_wrong_type_of_a_parameter_of_rclpy_is_one_sentence_and_exit_code_2() -> None:
+    arguments = ["--ros-args", "-p", "use_sim_time:=hello"]
+    said, logged, code = run_python(NODE + f"sys.exit(run(Quiet, {arguments}))")
+    assert (said, code) == ("", 2)
+    (line,) = logged.splitlines()
+    assert line.startswith("uw_visibility: ")
+    assert "'use_sim_time' to 'hello' of type 'STRING', expecting type 'BOOL'" in line
+
+
 def test_signal_ends_a_node_without_timers() -> None:
     assert run_python(ASLEEP) == ("", "", 0)
 

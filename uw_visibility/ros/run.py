@@ -13,6 +13,7 @@ from typing import Any
 
 import rclpy
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
@@ -103,7 +104,8 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
         return _refuse(error)
     try:
         node = make_node()
-    except InputError as error:
+    except (InputError, InvalidParameterTypeException) as error:
+        # The latter is of parameters that rclpy declares itself, such as use_sim_time.
         rclpy.try_shutdown()
         return _refuse(error)
     scarcity = scarce_memory() if receives_by_sockets else ""
