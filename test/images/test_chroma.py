@@ -77,6 +77,12 @@ def test_only_what_loses_colour_has_more_than_its_pixels() -> None:
         assert message_chroma(message, grey) is None
 
 
+@pytest.mark.parametrize("shape", [(1, 48, 3), (32, 1, 3)])
+def test_single_row_or_column_has_no_colour_at_half_resolution(shape: tuple[int, ...]) -> None:
+    pixels = PIXELS[: shape[0], : shape[1]].copy()
+    assert message_chroma(SimpleNamespace(encoding="yuv422"), pixels) is None
+
+
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_mosaics_are_known_by_their_encoding(pattern: str) -> None:
     raw = mosaic(PIXELS, pattern)

@@ -54,9 +54,14 @@ def mosaic_chroma(image: Image, pattern: str) -> ChromaImage:
     return ChromaImage(None, 1, np.sqrt(np.maximum(hidden, 0.0)) / code_value(image))
 
 
-def subsampled_chroma(image: Image) -> ChromaImage:
-    """Colour at half resolution of an image (H, W, 3) whose chroma is subsampled, as in 4:2:2."""
+def subsampled_chroma(image: Image) -> ChromaImage | None:
+    """Colour at half resolution of an image (H, W, 3) whose chroma is subsampled, as in 4:2:2.
+
+    None for an image of a single row or column, which is refused later, as in other encodings.
+    """
     height, width = image.shape[0] // 2, image.shape[1] // 2
+    if height == 0 or width == 0:
+        return None
     whole = image[: 2 * height, : 2 * width]
     half = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
     return ChromaImage(read_only(half), 2)
