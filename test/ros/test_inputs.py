@@ -14,9 +14,11 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS is not installed")
 
 import rclpy
+from builtin_interfaces.msg import Time
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
 
 from uw_visibility.messages.images import stamp_to_nanoseconds
@@ -204,3 +206,21 @@ def test_frames_are_not_missed_before_they_are_due(
     assert "no right/image_rect any more" in world.input.silence()
     world.image("right", 4)
     assert world.input.silence() == ""
+
+
+def test_simulated_time_without_a_clock_is_told(make_world: Callable[..., World]) -> None:
+    world = make_world(use_sim_time=True)
+
+    def pair(number: int) -> None:
+        for side in SIDES:
+            world.image(side, number)
+
+    pair(0)
+    finding = world.said()
+    assert finding.level == WARN
+    assert finding.message == (
+        "use_sim_time is true, but nothing arrives on /clock: start what publishes it")
+    clock = world.node.create_publisher(Clock, "/clock", 10)
+    world.until(lambda: clock.get_subscription_count() == 1)
+    clock.publish(Clock(clock=Time(sec=100)))
+    world.until(lambda: world.said().level == OK)

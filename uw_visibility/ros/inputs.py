@@ -32,6 +32,7 @@ RECENT_DROPS = RECENT_PAIRS = 10
 # the queue is long, the stamps are to be found.
 REMEMBERED_QUEUES = 10
 RESTING = "at rest (lazy): nobody subscribes to a result"
+NO_CLOCK = "use_sim_time is true, but nothing arrives on /clock: start what publishes it"
 # Largest value of synchronization.tolerance, s.
 LARGEST_TOLERANCE = 1.0
 # Four channels of 16 bit: larger images exceed `max_megapixels` in any encoding.
@@ -201,6 +202,9 @@ class StereoInput:
         reason = self.silence()
         if reason:
             return Finding(WARN if " yet" in reason else ERROR, reason, values)
+        clock = self._node.get_clock()
+        if clock.ros_time_is_active and clock.now().nanoseconds == 0:
+            return Finding(WARN, NO_CLOCK, values)
         if self._mismatch():
             return Finding(WARN, self._mismatch(), values)
         drops = {name: count for name, count in recent.items() if name.startswith("dropped ")}
