@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import sys
 import ctypes
 import gc
 from collections.abc import Callable, Mapping, Sequence
@@ -158,3 +159,7 @@ def release_memory() -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the managed node until a signal ends it; see `uw_visibility.ros.run.run`."""
     return run(UwVisibilityLifecycleNode, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
