@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-import sys
 import ctypes
 import gc
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
