@@ -22,16 +22,22 @@ from uw_visibility.messages.stamps import iso_time
 from uw_visibility.plausibility.comparison import Comparison, DepthSample, Verdict
 from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.inputs.sensors import (
+    LONGEST_GAP,
     Position,
+    ScalarTopic,
+    ScalarValue,
     geographic,
     read_position,
 )
 from uw_visibility.replay.inputs.stream import Restart, SensorValue
 from uw_visibility.replay.records import FrameRecord, JoinedFrame
 from uw_visibility.replay.results.exports import write_geojson
-from uw_visibility.replay.results.joining import Joiner
+from uw_visibility.replay.results.joining import MOST_WAITING, Joiner
 from uw_visibility.replay.table import TableWriter, read_table
 from uw_visibility.status import Status
+from uw_visibility.water.estimate import LampLight
+from uw_visibility.water.series.filter import FilteredWater
+from uw_visibility.water.series.tracking import TrackingEvent
 
 CONFIG = PlausibilityConfig(sensor_type="Float64", model_stddev=0.3, max_gate=3.0)
 
@@ -101,6 +107,66 @@ def test_a_sensor_that_is_silent_holds_no_row_up() -> None:
     assert [j.record.stamp for j in out] == [10**9 * (1 + k) for k in range(10)]
     assert all(j.sensor is None for j in out)
     assert len(list(Joiner(replace(CONFIG, sensor_type="none")).add_frame(record(1.0)))) == 1
+
+
+def test_a_frame_waits_for_a_fix_as_long_as_positions_are_interpolated() -> None:
+    """At 20 frames a second, between two fixes nearly as far apart as is interpolated."""
+    joiner = Joiner(replace(CONFIG, sensor_type="none"), True)
+    list(joiner.add(Position(1_000_000_000, False, 0.0, 0.0)))
+    times = np.arange(1.0, 1.0 + LONGEST_GAP - 0.5, 0.05)
+    out = [r for time in times for r in joiner.add_frame(record(time))]
+    out += joiner.add(Position(round((0.8 + LONGEST_GAP) * 1e9), False, LONGEST_GAP - 0.2, 0.0))
+    assert [j.x for j in out] == pytest.approx(times - 1.0)
+    assert joiner.unplaced == 0
+
+
+def test_a_frame_waits_for_a_joined_value_as_long_as_is_tolerated() -> None:
+    ctd = ScalarTopic("/ctd")
+    joiner = Joiner(replace(CONFIG, sensor_type="none"), joins=[ctd], tolerance=600.0)
+    list(joiner.add(ScalarValue(ctd, 0, 0.0)))
+    times = np.arange(0.0, 600.0)
+    out = [r for time in times for r in joiner.add_frame(record(time))]
+    out += joiner.add(ScalarValue(ctd, 600_000_000_000, 600.0))
+    assert [j.scalars[0] for j in out] == pytest.approx(times)
+
+
+def test_frames_that_wait_are_limited_and_have_no_observations() -> None:
+    ctd = ScalarTopic("/ctd")
+    joiner = Joiner(replace(CONFIG, sensor_type="none"), joins=[ctd], tolerance=3600.0)
+    full = record(0.0)
+    assert full.estimate is not None
+    lamps = LampLight(*(np.ones(3) for _ in range(5)))
+    water = replace(full.estimate.water, lamps=lamps)
+    full = replace(full, estimate=replace(full.estimate, water=water))
+    filtered = FilteredWater(
+        water, full.estimate.visibility, TrackingEvent.UPDATED)
+    out = [r for _ in range(MOST_WAITING) for r in joiner.add_frame(full, filtered)]
+    (joined,) = out
+    assert joined.record.estimate is not None
+    assert joined.filtered is not None
+    assert joined.record.estimate.water.lamps is None
+    assert joined.filtered.water.lamps is None
+
+
+def test_what_else_is_joined_does_not_change_the_verdicts() -> None:
+    """The depth sensor falls silent; the fixes and another sensor go on."""
+    ctd = ScalarTopic("/ctd")
+    alone, beside = Joiner(CONFIG), Joiner(CONFIG, True, joins=[ctd], tolerance=60.0)
+    verdicts = []
+    for joiner, other in ((alone, False), (beside, True)):
+        out = []
+        for k in range(60):
+            time = 100.0 + 0.5 * k
+            if k < 30:
+                out += joiner.add(sensor(time, 3.0))
+            if other and k % 15 == 0:
+                out += joiner.add(Position(round(time * 1e9), False, 0.0, 0.0))
+                out += joiner.add(ScalarValue(ctd, round(time * 1e9), 1.0))
+            out += joiner.add_frame(record(time))
+        out += joiner.finish()
+        verdicts.append([(j.record.stamp, j.verdict, j.verdict_reason) for j in out])
+    assert verdicts[0] == verdicts[1]
+    assert [verdict for _, verdict, _ in verdicts[0]] == [Verdict.OK] * 30 + [Verdict.STALE] * 30
 
 
 def test_across_a_gap_of_the_sensor_nothing_is_made_up() -> None:

@@ -46,9 +46,14 @@ class Track(Generic[Value]):
             return
         self._values.append(value)
 
-    def reaches(self, stamp: int) -> bool:
-        """Return whether there are values up to a stamp."""
-        return bool(self._values) and self._values[-1].stamp >= stamp
+    def settles(self, stamp: int, newest: int) -> bool:
+        """Return whether no later value changes that at a stamp, ns.
+
+        newest: stamp of the newest frame: values after it are too far from those before `stamp`, if
+        it is later by more than the longest gap.
+        """
+        reached = bool(self._values) and self._values[-1].stamp >= stamp
+        return reached or newest - stamp > self._longest * 1e9
 
     def forget_before(self, stamp: int) -> None:
         """Drop values that are not needed from this stamp on."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 from uw_visibility.config.schema import PlausibilityConfig
@@ -24,14 +25,19 @@ from uw_visibility.replay.inputs.sensors import (
 )
 from uw_visibility.replay.inputs.stream import Restart, SensorValue
 from uw_visibility.replay.records import FrameRecord, JoinedFrame
+from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.series.filter import FilteredWater
+
+# Limit of memory: a frame without its observations takes about 15 kB.
+MOST_WAITING = 10_000
 
 
 class Joiner:
     """Join of frames with the depth sensor, its test, positions and numbers of other topics.
 
-    A frame waits until values of the sensors enclose its stamp, or are too late. The output depends
-    only on the order of the input.
+    A frame waits until values of each sensor enclose its stamp, or would be too far apart for
+    interpolation. It is first tested with the depth sensor, so that its verdict does not depend on
+    the other topics. The output depends only on the order of the input.
 
     config: its sensor type is "none" without a sensor.
     origin, joins, tolerance: see `ReplayOptions`.
@@ -51,13 +57,15 @@ class Joiner:
         self._positions = PositionTrack(LONGEST_GAP) if position else None
         self._origin = origin
         self._scalars = {join: ScalarTrack(tolerance) for join in joins}
-        self._tracks: list[Track[Any]] = [
-            *([self._depths] if self._monitor is not None else []),
+        self._tested: list[Track[Any]] = [self._depths] if self._monitor is not None else []
+        self._joined: list[Track[Any]] = [
             *([self._positions] if self._positions is not None else []), *self._scalars.values()]
-        # Longest wait for values to join, s.
-        self._patience = max([config.timeout, *([tolerance] if joins else [])])
-        self._waiting: deque[JoinedFrame] = deque()
+        # Frames that wait for the test, and then for the values of other topics.
+        self._untested: deque[JoinedFrame] = deque()
+        self._unjoined: deque[JoinedFrame] = deque()
         self._comparisons: dict[int, Comparison] = {}
+        # Stamp of the last frame, ns.
+        self._newest = 0
         self._now = 0.0
         self.unplaced = 0
 
@@ -65,13 +73,13 @@ class Joiner:
         self, record: FrameRecord, filtered: FilteredWater | None = None
     ) -> Iterator[JoinedFrame]:
         """Add a frame; yields completed frames."""
-        self._now = record.time / 1e9
+        self._now, self._newest = record.time / 1e9, record.stamp
         # As in the node, frames without result do not affect others.
         if self._monitor is not None and record.estimate is not None:
             depth = record.estimate.depth(record.stamp)
             status = record.estimate.visibility.depth_status
             self._note(self._monitor.add_estimate(depth, status, self._now))
-        self._waiting.append(JoinedFrame(record, filtered))
+        self._untested.append(_without_observations(record, filtered))
         yield from self._complete()
 
     def add(
@@ -104,22 +112,27 @@ class Joiner:
             del self._comparisons[next(iter(self._comparisons))]
 
     def _complete(self, at_end: bool = False) -> Iterator[JoinedFrame]:
-        while self._waiting:
-            stamp = self._waiting[0].record.stamp
-            newest = self._waiting[-1].record.stamp
-            overdue = len(self._waiting) >= WAITING_ESTIMATES or (
-                newest - stamp > self._patience * 1e9
-            )
-            enclosed = all(track.reaches(stamp) for track in self._tracks)
-            if not (at_end or overdue or enclosed):
-                return
-            joined = self._waiting.popleft()
+        for joined in self._released(self._untested, self._tested, at_end):
             self._join_sensor(joined)
+            self._unjoined.append(joined)
+        for joined in self._released(self._unjoined, self._joined, at_end):
             self._join_position(joined)
-            joined.scalars = tuple(track.at(stamp) for track in self._scalars.values())
-            for track in self._tracks:
-                track.forget_before(stamp)
+            joined.scalars = tuple(
+                track.at(joined.record.stamp) for track in self._scalars.values())
             yield joined
+
+    def _released(
+        self, waiting: deque[JoinedFrame], tracks: Sequence[Track[Any]], at_end: bool
+    ) -> Iterator[JoinedFrame]:
+        """Remove and yield the frames that wait for nothing in the tracks any more."""
+        while waiting:
+            stamp = waiting[0].record.stamp
+            settled = all(track.settles(stamp, self._newest) for track in tracks)
+            if not (at_end or settled or len(waiting) >= MOST_WAITING):
+                return
+            yield waiting.popleft()
+            for track in tracks:
+                track.forget_before(stamp)
 
     def _join_sensor(self, joined: JoinedFrame) -> None:
         if self._monitor is None:
@@ -146,3 +159,17 @@ class Joiner:
             joined.x, joined.y = position.x, position.y
             if self._origin is not None:
                 joined.longitude, joined.latitude = geographic(joined.x, joined.y, self._origin)
+
+
+def _without_observations(record: FrameRecord, filtered: FilteredWater | None) -> JoinedFrame:
+    """Return a frame that waits, without what only a survey needs, which is most of its memory."""
+    def reduced(water: WaterEstimate) -> WaterEstimate:
+        return replace(water, blocks=None, lamps=None)
+
+    if record.estimate is not None:
+        estimate = replace(record.estimate, water=reduced(record.estimate.water))
+        record = replace(record, estimate=estimate)
+    if filtered is not None:
+        survey = filtered.survey and replace(filtered.survey, water=reduced(filtered.survey.water))
+        filtered = filtered._replace(water=reduced(filtered.water), survey=survey)
+    return JoinedFrame(record, filtered)
