@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -12,7 +14,9 @@ pytest.importorskip("rosbags")
 
 from uw_visibility.errors import InputError
 from uw_visibility.messages.images import read_image
+from uw_visibility.replay.bags.indexed import IndexedFile
 from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.bags.storage import Part, Recorded
 from uw_visibility.replay.bags.writer import BagWriter
 
 TOPICS = {"/a": "std_msgs/msg/Float64", "/b": "std_msgs/msg/String"}
@@ -38,6 +42,54 @@ def test_what_is_written_is_read_back_in_the_order_of_time(tmp_path: Path) -> No
         ]
         assert [m.time for m in bag.messages(["/b"])] == [105]
         assert list(bag.messages(["/nothing"])) == []
+
+
+def parts(folder: Path, times: dict[str, list[int]]) -> Path:
+    """Write a bag of several files without metadata, as after a crash."""
+    folder.mkdir()
+    for name, stamps in times.items():
+        with BagWriter(folder.parent / name, TOPICS) as bag:
+            for time in stamps:
+                bag.write("/a", bag.make("std_msgs/msg/Float64", data=0.0), time)
+        (folder.parent / name / f"{name}.mcap").rename(folder / f"{name}.mcap")
+    return folder
+
+
+def test_files_without_metadata_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    with BagReader(parts(tmp_path / "bag", {f"dive_{k}": [k] for k in range(12)})) as bag:
+        assert [file.stem for file in bag.files] == [f"dive_{k}" for k in range(12)]
+
+
+@pytest.mark.parametrize("times", [
+    {"camera": [1, 3, 5], "sensors": [2, 4, 6]},
+    {"a": [10, 11], "b": [1, 2], "c": [5, 6]},
+    {"a": [1, 9], "b": [2], "c": [3, 8], "d": [9, 10], "e": []},
+], ids=["of two recorders", "named in another order", "within others"])
+def test_messages_of_several_files_are_in_the_order_of_time(
+    times: dict[str, list[int]], tmp_path: Path
+) -> None:
+    with BagReader(parts(tmp_path / "bag", times)) as bag:
+        expected = sorted(chain(*times.values()))
+        assert [m.time for m in bag.messages()] == expected
+        assert [m.time for m in bag.messages(start=2, stop=6)] == [
+            time for time in expected if 2 <= time < 6]
+
+
+def test_a_file_is_read_only_from_where_it_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A day has many files, and each that is being read takes the memory of a chunk."""
+    begun = []
+    messages = IndexedFile.messages
+
+    def counted(self: IndexedFile, part: Part) -> Iterator[Recorded]:
+        begun.append(self.span)
+        return messages(self, part)
+
+    monkeypatch.setattr(IndexedFile, "messages", counted)
+    with BagReader(parts(tmp_path / "bag", {"a": [1, 4], "b": [3, 6], "c": [7, 8]})) as bag:
+        seen = [(m.time, len(begun)) for m in bag.messages()]
+    assert seen == [(1, 1), (3, 2), (4, 2), (6, 2), (7, 3), (8, 3)]
 
 
 def test_an_interrupted_bag_is_removed(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 import stat
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,7 +25,7 @@ class UnreadableError(InputError):
 class Layout:
     """Files of a recording."""
 
-    files: list[Path]  # existing files, in the order of time
+    files: list[Path]  # existing files, in the order of metadata.yaml, or of their names
     packed_messages: bool = False  # whether each message is compressed separately
     # numbers of messages by topic, from the metadata
     expected: dict[str, int] = field(default_factory=dict)
@@ -82,7 +83,14 @@ def _is_there(file: Path) -> bool:
 
 def _files(path: Path) -> list[Path]:
     with refusing(f"cannot read bag {path}"):
-        return sorted(f for f in path.iterdir() if suffix(f) in SUFFIXES and _is_there(f))
+        found = (f for f in path.iterdir() if suffix(f) in SUFFIXES and _is_there(f))
+        return sorted(found, key=_place)
+
+
+def _place(file: Path) -> tuple[list[str | int], str]:
+    """Return a key to sort by name, with numbers by their value: dive_10 follows dive_9."""
+    parts = re.split(r"([0-9]+)", file.name)
+    return [int(part) if k % 2 else part for k, part in enumerate(parts)], file.name
 
 
 def suffix(file: Path) -> str:

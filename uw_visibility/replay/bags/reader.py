@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
+import heapq
 import tempfile
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -109,20 +110,19 @@ class BagReader:
         start, stop: interval of the time of reception, ns, without stop.
         """
         self._unusable.clear()
-        for storage in self._storages:
-            for message in storage.messages(Part(topics, start, stop)):
-                topic = printable(message.topic)
-                if not 0 <= message.time < LATEST:
-                    self._unusable[f"messages on {topic} have no time"] += 1
+        for message in self._merged(Part(topics, start, stop)):
+            topic = printable(message.topic)
+            if not 0 <= message.time < LATEST:
+                self._unusable[f"messages on {topic} have no time"] += 1
+                continue
+            # Without metadata, only the data show that a message is compressed.
+            if self._packed_messages or (not self.ros1 and message.data.startswith(ZSTD)):
+                try:
+                    message = message._replace(data=unpack(message.data, "zstd"))
+                except PackingError:
+                    self._unusable[f"messages on {topic} cannot be unpacked"] += 1
                     continue
-                # Without metadata, only the data show that a message is compressed.
-                if self._packed_messages or (not self.ros1 and message.data.startswith(ZSTD)):
-                    try:
-                        message = message._replace(data=unpack(message.data, "zstd"))
-                    except PackingError:
-                        self._unusable[f"messages on {topic} cannot be unpacked"] += 1
-                        continue
-                yield message
+            yield message
 
     def deserialize(self, message: Recorded) -> Any:
         """Return a recorded message as an object, by the types of the bag."""
@@ -151,6 +151,30 @@ class BagReader:
             kind = UnreadableError if suffix(self.files[0]) in SUFFIXES else InputError
             raise kind(*errors[0].args) from errors[0]
         self._notes += [str(error) for error in errors]
+
+    def _merged(self, part: Part) -> Iterator[Recorded]:
+        """Yield the messages of all files, each read from the time on at which it begins.
+
+        Files may overlap: those of several recorders, or by what waits while a recording is split.
+        """
+        begin, begins = 0, []
+        for number, storage in enumerate(self._storages):
+            # Without an index, a file begins with the one before it.
+            begin = begin if storage.span is None else storage.span[0]
+            begins.append((begin, number))
+        later = deque(sorted(begins))
+        # Next message of each file that is being read.
+        heads: list[tuple[int, int, Recorded, Iterator[Recorded]]] = []
+        while later or heads:
+            if later and (not heads or later[0][0] <= heads[0][0]):
+                _, number = later.popleft()
+                stream = self._storages[number].messages(part)
+            else:
+                _, number, message, stream = heapq.heappop(heads)
+                yield message
+            following = next(stream, None)
+            if following is not None:
+                heapq.heappush(heads, (following.time, number, following, stream))
 
     def _unpack(self, file: Path) -> Path:
         if file.suffix != PACKED:
