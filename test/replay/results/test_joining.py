@@ -188,6 +188,62 @@ def test_a_restart_forgets_the_learned_bias() -> None:
         list(joiner.add(Restart()))
 
 
+@pytest.mark.parametrize("restart", [False, True])
+@pytest.mark.parametrize("jump", [3600.0, -3600.0])
+def test_a_wrong_stamp_costs_no_other_frame_its_values(jump: float, restart: bool) -> None:
+    joiner = Joiner(CONFIG, True)
+    out = []
+    for k in range(40):
+        time = 100.0 + 0.5 * k
+        if restart and k == (11 if jump > 0.0 else 10):
+            out += joiner.add(Restart())
+        out += joiner.add_frame(record(time + jump * (k == 10)))
+        # Frames are received later than fixes of their stamp, and before such values of the sensor.
+        out += joiner.add(sensor(time + 0.3, 3.0))
+        out += joiner.add(Position(round((time + 1.3) * 1e9), False, k, 0.0))
+    out += joiner.finish()
+    # Nothing is before the first frames.
+    assert [k for k, j in enumerate(out) if j.sensor is None] == [0, 10]
+    assert [k for k, j in enumerate(out) if np.isnan(j.x)] == [0, 1, 2, 10]
+
+
+def test_a_wrong_stamp_that_is_reached_later_costs_no_other_frame_its_values() -> None:
+    """It came after the restart, as a pair does that waited for its CameraInfo."""
+    joiner = Joiner(replace(CONFIG, sensor_type="none"), True)
+    times = [100.0, 100.5, 105.0, *np.arange(101.5, 110.0, 0.5)]
+    out = []
+    list(joiner.add(Position(100_000_000_000, False, 100.0, 0.0)))
+    for time in times:
+        out += joiner.add_frame(record(time))
+        if time != 105.0:
+            out += joiner.add(Position(round((time + 0.4) * 1e9), False, time + 0.4, 0.0))
+    out += joiner.finish()
+    assert [j.x for j in out] == pytest.approx(times)
+
+
+def test_a_clock_that_is_set_back_costs_the_frames_around_alone() -> None:
+    joiner = Joiner(CONFIG, True)
+    out = []
+    for k in range(40):
+        time = 100.0 + 0.5 * k - 60.0 * (k >= 20)
+        if k == 20:
+            out += joiner.add(Restart())
+        out += joiner.add_frame(record(time))
+        out += joiner.add(sensor(time + 0.3, 3.0))
+        out += joiner.add(Position(round((time + 0.3) * 1e9), False, k, 0.0))
+    out += joiner.finish()
+    assert [k for k, j in enumerate(out) if j.sensor is None or np.isnan(j.x)] == [0, 20]
+
+
+def test_values_after_a_restart_are_of_no_frame_before() -> None:
+    """All clocks are set back by less than a frame waits for a fix."""
+    joiner = Joiner(replace(CONFIG, sensor_type="none"), True)
+    list(joiner.add(Position(100_000_000_000, False, 0.0, 0.0)))
+    assert list(joiner.add_frame(record(103.0))) == []
+    (before,) = joiner.add(Restart())
+    assert np.isnan(before.x)
+
+
 @given(st.lists(st.booleans(), min_size=1, max_size=30), st.integers(0, 3))
 def test_every_row_comes_out_once_and_in_order(frames: list[bool], restart: int) -> None:
     joiner = Joiner(CONFIG, position=True)

@@ -50,10 +50,11 @@ class Track(Generic[Value]):
         """Return whether no later value changes that at a stamp, ns.
 
         newest: stamp of the newest frame: values after it are too far from those before `stamp`, if
-        it is later by more than the longest gap.
+        it is later by more than the longest gap. If it is earlier by as much, the clock was set
+        back, or `stamp` is wrong.
         """
         reached = bool(self._values) and self._values[-1].stamp >= stamp
-        return reached or newest - stamp > self._longest * 1e9
+        return reached or abs(newest - stamp) > self._longest * 1e9
 
     def forget_before(self, stamp: int) -> None:
         """Drop values that are not needed from this stamp on."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 from uw_visibility.config.schema import PlausibilityConfig
@@ -86,19 +87,21 @@ class Joiner:
         self, event: SensorValue | Position | ScalarValue | Restart
     ) -> Iterator[JoinedFrame]:
         """Add a sensor value or a restart; yields completed frames."""
-        if isinstance(event, ScalarValue):
+        if isinstance(event, Restart):
+            # The stamps of the images jumped back, so later values may have the stamps of frames
+            # before, and the test restarts.
+            yield from self._complete(at_end=True)
+            if self._monitor is not None:
+                self._monitor.reset()
+        elif isinstance(event, ScalarValue):
             self._scalars[event.source].add(event)
         elif isinstance(event, Position):
             if self._positions is not None:
                 self._positions.add(event)
         elif self._monitor is not None:
-            if isinstance(event, SensorValue):
-                self._now = event.time / 1e9
-                self._note(self._monitor.add_sensor(event.sample, self._now))
-                self._depths.add(event.sample)
-            else:
-                # The stamps of the images jumped back, so the test restarts.
-                self._monitor.reset()
+            self._now = event.time / 1e9
+            self._note(self._monitor.add_sensor(event.sample, self._now))
+            self._depths.add(event.sample)
         yield from self._complete()
 
     def finish(self) -> Iterator[JoinedFrame]:
@@ -131,8 +134,12 @@ class Joiner:
             if not (at_end or settled or len(waiting) >= MOST_WAITING):
                 return
             yield waiting.popleft()
-            for track in tracks:
-                track.forget_before(stamp)
+            if not at_end:
+                # A wrong stamp may be later than those of the frames behind it.
+                behind = (joined.record.stamp for joined in chain(waiting, self._untested))
+                oldest = min([stamp, *behind])
+                for track in tracks:
+                    track.forget_before(oldest)
 
     def _join_sensor(self, joined: JoinedFrame) -> None:
         if self._monitor is None:
