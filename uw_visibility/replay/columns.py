@@ -59,7 +59,7 @@ class Column:
             value = value[int(name)] if name.isdigit() else getattr(value, name)
         if self.kind == "datetime":
             return iso_time(value)
-        if self.unit == "s":  # times are in ns
+        if self.standard_name == "time":  # in ns, unlike a duration that is joined
             return seconds(value)
         if self.kind == "number":
             return repr(float(value)) if value is not None and math.isfinite(value) else ""
@@ -193,10 +193,12 @@ COLUMNS: dict[str, Column] = {
         "datetime", "stamp of the left image", description="UTC, ISO 8601",
         source="record.stamp"),
     "stamp": _number(
-        "record.stamp", "stamp of the left image", "s", "Since 1970, UTC, to the nanosecond"),
-    "right_stamp": _number("record.right_stamp", "stamp of the right image", "s", "As stamp"),
+        "record.stamp", "stamp of the left image", "s", "Since 1970, UTC, to the nanosecond",
+        "time"),
+    "right_stamp": _number(
+        "record.right_stamp", "stamp of the right image", "s", "As stamp", "time"),
     "time": _number(
-        "record.time", "time at which the left image was received", "s", "As stamp"),
+        "record.time", "time at which the left image was received", "s", "As stamp", "time"),
     "status": _choice(
         "estimate.water.status", "whether attenuation was assessed, or why not", Status,
         **{FAILED: "the frame has no result; the column reason says why"}),

@@ -20,9 +20,9 @@ import pytest
 from bag_copies import FRAMES, Message, copy_bag, copy_bag_ros1, run
 from rosbags.typesys import Stores, get_typestore
 
-from uw_visibility.messages.stamps import seconds
+from uw_visibility.messages.stamps import iso_time, seconds
 from uw_visibility.replay.bags.reader import BagReader
-from uw_visibility.replay.columns import COLUMNS, FAILED
+from uw_visibility.replay.columns import COLUMNS, FAILED, joined_column
 from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.results.exports import write_netcdf
 from uw_visibility.replay.table import SUFFIX, TableWriter, read_rows, read_table
@@ -252,6 +252,24 @@ def test_a_long_table_takes_little_memory(exported: Path, tmp_path: Path) -> Non
         np.testing.assert_array_equal(data["depth"].values, 0.5 * np.arange(5000))
         assert (data["status"].values == 0).all()
         assert (data["time"].values == data["time"].values[0]).all()
+
+
+def test_a_duration_that_is_joined_is_no_date(tmp_path: Path) -> None:
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("netCDF4", reason="the extra netcdf is not installed")
+    columns = {**COLUMNS, "joined_age": joined_column("/age", 0, "s")}
+    table = TableWriter(tmp_path / "frames.csv", tuple(columns))
+    text = columns["joined_age"].text({"scalars": (12.5,)})
+    table.write({"frame": "0", "datetime": iso_time(0), "stamp": seconds(0), "joined_age": text})
+    table.close()
+    provenance = {"bag": "short", "version": "0", "parameters": {}, "input_sha256": "0"}
+    write_netcdf(
+        tmp_path / "frames.nc", read_table(tmp_path / "frames.csv", columns), columns, provenance,
+        np.full(3, 500.0))
+    with xarray.open_dataset(tmp_path / "frames.nc", decode_times=False) as data:
+        assert float(data["joined_age"][0]) == 12.5
+        assert data["joined_age"].attrs["units"] == "s"
+        assert data["stamp"].attrs["units"].startswith("seconds since 1970")
 
 
 def test_a_recording_without_a_frame_is_told_by_empty_files(

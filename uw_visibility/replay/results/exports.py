@@ -272,7 +272,7 @@ def _attributes(name: str, columns: Mapping[str, Column]) -> dict[str, Any]:
         found["standard_name"] = column.standard_name
     if column.description:
         found["comment"] = column.description
-    if column.kind == "datetime" or column.unit == "s":
+    if column.kind == "datetime" or column.standard_name == "time":
         return found | {
             "standard_name": "time", "units": _EPOCH, "calendar": "standard",
             # Computer clocks have no leap seconds.
