@@ -5,8 +5,10 @@
 from __future__ import annotations
 
 import re
+import shutil
 import sqlite3
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -74,6 +76,48 @@ def test_a_database_without_its_head_is_refused_with_what_mends_it(
     file.write_bytes(bytes(100) + file.read_bytes()[100:])
     with pytest.raises(InputError, match=r"run sqlite3 bag\.db3 \.recover \| sqlite3 mended\.db3"):
         BagReader(bag)
+
+
+@pytest.fixture
+def crashed(transect: Path, tmp_path: Path) -> Path:
+    """A database whose last message is only in its write-ahead log, as after a crash."""
+    bag = copy_bag(transect, tmp_path / "whole", storage=StoragePlugin.SQLITE3)
+    (tmp_path / "bag").mkdir()
+    with closing(sqlite3.connect(bag / "whole.db3", isolation_level=None)) as database:
+        database.execute("PRAGMA journal_mode=WAL")
+        database.execute("PRAGMA wal_autocheckpoint=0")
+        database.execute("INSERT INTO messages SELECT 10000, topic_id, timestamp + 1000, data "
+                         "FROM messages ORDER BY id DESC LIMIT 1")
+        for end in ("", "-wal"):
+            shutil.copy(bag / f"whole.db3{end}", tmp_path / "bag" / f"bag.db3{end}")
+    return tmp_path / "bag" / "bag.db3"
+
+
+def test_a_log_beside_a_database_is_told_with_what_merges_them(crashed: Path) -> None:
+    with BagReader(crashed) as reader:
+        read = len(list(reader.messages()))
+        (note,) = reader.damage
+    assert "bag.db3 is incomplete without bag.db3-wal" in note
+    assert "run sqlite3 bag.db3 .tables" in note
+    # What its shell does: the last one to close a database merges them.
+    with closing(sqlite3.connect(crashed)) as database:
+        database.execute("SELECT name FROM sqlite_master").fetchall()
+    with BagReader(crashed) as reader:
+        assert len(list(reader.messages())) == read + 1
+        assert reader.damage == []
+
+
+def test_a_database_that_is_all_in_its_log_is_not_damaged(tmp_path: Path) -> None:
+    (tmp_path / "bag").mkdir()
+    bag = tmp_path / "bag" / "bag.db3"
+    with closing(sqlite3.connect(tmp_path / "whole.db3", isolation_level=None)) as database:
+        database.execute("PRAGMA journal_mode=WAL")
+        database.execute("CREATE TABLE topics (id, name, type)")
+        for end in ("", "-wal"):
+            shutil.copy(tmp_path / f"whole.db3{end}", f"{bag}{end}")
+    with pytest.raises(InputError, match=r"bag\.db3 is incomplete without bag\.db3-wal") as refused:
+        BagReader(bag)
+    assert "damaged" not in str(refused.value)
 
 
 def test_a_damaged_chunk_of_ros1_ends_the_messages_and_is_told(

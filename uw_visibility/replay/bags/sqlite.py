@@ -22,8 +22,17 @@ DEFINITIONS = "message_definitions"
 # Least bytes of a row, and most steps of the virtual machine of SQLite per row.
 LEAST_ROW, MOST_STEPS = 8, 100
 STEPS_AT_ONCE = 1_000_000
+# Ends of the names of logs of SQLite: the newest pages, or those before them.
+LOGS = ("-wal", "-journal")
 # Errors that a damaged database causes.
 ERRORS = (sqlite3.Error, OverflowError, MemoryError)
+
+
+def _is_log(path: Path) -> bool:
+    try:
+        return path.stat().st_size > 0
+    except OSError:
+        return False
 
 
 class SqliteFile:
@@ -39,11 +48,20 @@ class SqliteFile:
         self.channels: list[Channel] = []
         self.span: tuple[int, int] | None = None
         self._topics: dict[int, Channel] = {}
+        # `_connect` ignores logs, since it changes nothing.
+        log = next(filter(_is_log, (Path(f"{path}{end}") for end in LOGS)), None)
+        if log is not None:
+            self._note(
+                f"is incomplete without {log.name}, which a crash leaves, or a recording that goes "
+                f"on: copy both, run sqlite3 {path.name} .tables on the copy, which merges them, "
+                "and replay the copy")
         self._database = self._connect()
         try:
             self._read_topics()
-        except BaseException:
+        except BaseException as error:
             self._database.close()
+            if log is not None and isinstance(error, (sqlite3.Error, InputError)):
+                raise InputError(f"cannot read bag {path}: {self.damage[0]}") from error
             raise
 
     def messages(self, part: Part) -> Iterator[Recorded]:
