@@ -12,6 +12,9 @@ import pytest
 
 pytest.importorskip("rosbags")
 
+from bag_copies import copy_bag, shortened
+from rosbags.rosbag2 import StoragePlugin
+
 from uw_visibility.errors import InputError
 from uw_visibility.messages.images import read_image
 from uw_visibility.replay.bags.indexed import IndexedFile
@@ -90,6 +93,27 @@ def test_a_file_is_read_only_from_where_it_begins(
     with BagReader(parts(tmp_path / "bag", {"a": [1, 4], "b": [3, 6], "c": [7, 8]})) as bag:
         seen = [(m.time, len(begun)) for m in bag.messages()]
     assert seen == [(1, 1), (3, 2), (4, 2), (6, 2), (7, 3), (8, 3)]
+
+
+@pytest.mark.parametrize("cut", ["a", "b"])
+def test_a_split_bag_lasts_from_its_first_file_to_its_last_also_if_one_is_cut(
+    cut: str, tmp_path: Path
+) -> None:
+    folder = parts(tmp_path / "bag", {"a": [1, 2, 3], "b": [4, 5, 6], "c": []})
+    shortened(folder / f"{cut}.mcap", 0.9)
+    with BagReader(folder) as bag:
+        assert bag.span == (1, 6)
+        assert [m.time for m in bag.messages(start=2, stop=6)] == [2, 3, 4, 5]
+
+
+def test_how_long_a_bag_lasts_is_unknown_if_a_file_does_not_say(
+    transect: Path, tmp_path: Path
+) -> None:
+    folder = parts(tmp_path / "bag", {"b": [4, 5, 6]})
+    copied = copy_bag(transect, tmp_path / "a", storage=StoragePlugin.SQLITE3)
+    shortened(copied / "a.db3", 0.7).rename(folder / "a.db3")
+    with BagReader(folder) as bag:
+        assert bag.span is None
 
 
 def test_an_interrupted_bag_is_removed(tmp_path: Path) -> None:

@@ -105,6 +105,14 @@ def test_a_file_gives_its_messages_wherever_it_is_cut(file: Path) -> None:
         assert not notes
 
 
+def test_the_times_of_what_is_read_are_known(file: Path) -> None:
+    """Also if the topic is named at the end only, and without a message that has no time."""
+    file.write_bytes(MAGIC + chunk(message(5) + message(1 << 63)) + message(3) + END)
+    assert McapSalvage(file).span == (3, 5)
+    file.write_bytes(BEGIN + END)
+    assert McapSalvage(file).span is None
+
+
 def test_a_last_chunk_gives_its_messages_wherever_it_is_cut(file: Path) -> None:
     parts = [message(k) for k in range(4)]
     before, last = chunk(message(10)), chunk(b"".join(parts))

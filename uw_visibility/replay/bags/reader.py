@@ -18,10 +18,7 @@ from uw_visibility.replay.bags.decoder import Decoder
 from uw_visibility.replay.bags.indexed import SUFFIXES, open_file
 from uw_visibility.replay.bags.layout import PACKED, UnreadableError, find_files, suffix
 from uw_visibility.replay.bags.packing import ZSTD, PackingError, unpack, unpack_file
-from uw_visibility.replay.bags.storage import Channel, Part, Recorded, Storage
-
-# Times are signed 64 bit, ns.
-LATEST = 1 << 63
+from uw_visibility.replay.bags.storage import LATEST, Channel, Part, Recorded, Storage
 
 
 class BagReader:
@@ -83,9 +80,12 @@ class BagReader:
 
     @property
     def span(self) -> tuple[int, int] | None:
-        """Times of the first and the last message by the indexes, ns; None if unknown."""
+        """Times of the first and the last message, ns; None if unknown."""
         spans = [s.span for s in self._storages if s.span is not None]
-        if not spans:
+        # Files without a span are damaged, unless they are empty.
+        damaged = any(
+            channel.count != 0 for s in self._storages if s.span is None for channel in s.channels)
+        if damaged or not spans:
             return None
         return min(begin for begin, _ in spans), max(end for _, end in spans)
 
@@ -159,7 +159,7 @@ class BagReader:
         """
         begin, begins = 0, []
         for number, storage in enumerate(self._storages):
-            # Without an index, a file begins with the one before it.
+            # A file whose times are unknown begins with the one before it.
             begin = begin if storage.span is None else storage.span[0]
             begins.append((begin, number))
         later = deque(sorted(begins))

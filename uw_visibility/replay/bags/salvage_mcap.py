@@ -18,7 +18,7 @@ from pathlib import Path
 
 from uw_visibility.replay.bags.packing import unpack_part
 from uw_visibility.replay.bags.source import MOST_AT_ONCE, LimitError, Source
-from uw_visibility.replay.bags.storage import Channel, Part, Recorded
+from uw_visibility.replay.bags.storage import LATEST, Channel, Part, Recorded
 
 LOST = "chunks of messages could not be unpacked to their end"
 DIFFER = "chunks differ from their checksums, but were used"
@@ -40,10 +40,9 @@ RECORD = re.compile(
 class McapSalvage:
     """Reader of an MCAP file with any damage, record by record; a `Storage`."""
 
-    span: tuple[int, int] | None = None
-
     def __init__(self, path: Path) -> None:
         self._path = path
+        self.span: tuple[int, int] | None = None
         self._schemas: dict[int, tuple[str, str, str]] = {}
         self._by_id: dict[int, Channel] = {}
         self.damage: list[str] = []
@@ -92,9 +91,11 @@ class McapSalvage:
                 content = source.read(at + HEAD, end - at - HEAD)
                 if kind == CHUNK:
                     yield from self._chunk(content, messages)
-                elif kind == MESSAGE and messages:
+                elif kind == MESSAGE:
                     channel, _, time, _ = struct.unpack_from("<HIQQ", content)
-                    if channel in self._by_id:
+                    if not messages:
+                        self._extend_span(time)
+                    elif channel in self._by_id:
                         about = self._by_id[channel]
                         yield Recorded(about.topic, about.type, time, content[MESSAGE_FIELDS:])
                     else:
@@ -104,6 +105,11 @@ class McapSalvage:
             except (struct.error, LimitError):
                 self._losses[SKIPPED] += 1
             at = end
+
+    def _extend_span(self, time: int) -> None:
+        if time < LATEST:
+            begin, end = self.span or (time, time)
+            self.span = min(begin, time), max(end, time)
 
     def _end(
         self, source: Source, at: int, kind: int, length: int, chunks: bool

@@ -8,6 +8,9 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+# Times are signed 64 bit, ns.
+LATEST = 1 << 63
+
 
 class Recorded(NamedTuple):
     """Serialised message: type such as ``sensor_msgs/msg/Image``, time of reception in ns."""
@@ -50,7 +53,7 @@ class Storage(Protocol):
 
     channels: list[Channel]  # topics of the file
     damage: list[str]  # damage found so far, in sentences
-    span: tuple[int, int] | None  # times of first and last message, ns; None without an index
+    span: tuple[int, int] | None  # times of first and last message, ns; None if unknown or empty
 
     def messages(self, part: Part) -> Iterator[Recorded]:
         ...
