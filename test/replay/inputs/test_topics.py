@@ -123,3 +123,11 @@ def test_the_depth_sensor_is_found_by_its_type_and_name() -> None:
     assert find(topics, sensor_type="none").depth is None
     assert find(topics | {"/depth_sensor": POSE}).depth == "/depth_sensor"
     assert find(topics, depth="/auv/pose").depth == "/auv/pose"
+
+
+def test_a_depth_sensor_with_values_is_preferred_to_one_without() -> None:
+    topics = camera("/{}", "image_rect") | {"/depth_sensor": POSE, "/bar30/depth": POSE}
+    found = find(topics, empty=("/depth_sensor",))
+    assert found.depth == "/bar30/depth"
+    assert found.notes == ["depth sensor /bar30/depth is used instead of /depth_sensor"]
+    assert find(topics, empty=("/depth_sensor", "/bar30/depth")).depth == "/depth_sensor"

@@ -205,7 +205,8 @@ def _find_depth(
     ]
     if not found:
         return None, "none"
-    found.sort(key=lambda t: (not t.endswith("depth_sensor"), t.count("/"), t))
+    found.sort(key=lambda t: (
+        channels[t].count == 0, not t.endswith("depth_sensor"), t.count("/"), t))
     if len(found) > 1:
         notes.append(f"depth sensor {found[0]} is used instead of {', '.join(found[1:])}")
     return found[0], types[channels[found[0]].type]
