@@ -246,7 +246,9 @@ COLUMNS: dict[str, Column] = {
         "estimate.limited_fraction", "part of the pixels whose gain was limited", "1"),
     **_with_stddev("sensor_depth", _number(
         "sensor.depth", "depth by the depth sensor", "m", "Positive down", "depth")),
-    "innovation": _number("comparison.innovation", "sensor minus estimate", "m"),
+    "innovation": _number(
+        "comparison.innovation",
+        "sensor minus estimate, minus the difference predicted from earlier frames", "m"),
     "nis": _number("comparison.nis", "squared innovation over its variance", "1"),
     "plausibility": _choice("verdict", "verdict on the depth sensor", Verdict),
     "plausibility_reason": Column("text", "why the verdict is not ok", source="verdict_reason"),
