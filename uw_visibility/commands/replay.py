@@ -59,8 +59,9 @@ Results are written to DIR.partial, which is renamed to DIR when complete. After
 interruption DIR.partial remains, and --resume continues it. Other files in DIR are never
 removed, nor is a folder that contains an input.
 
-frames.csv and the messages do not depend on --jobs. Each job uses one thread, unless
-the parameter threads is set.
+frames.csv and the messages do not depend on --jobs, except under lamps: there a frame is
+restored with the light found in earlier frames, of which several jobs leave out the last two
+each. Each job uses one thread, unless the parameter threads is set.
 
 exit code: 0 done, with a warning if a bag is damaged; 1 nothing in a bag can be read or no
 frame of it has a result, one of several bags has no result or lacks a topic to join, or

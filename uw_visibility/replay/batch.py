@@ -56,7 +56,8 @@ def replay_bags(
 
     targets: mapping of (Path or str) to (Path or str): folder to make for each recording; paths or
         fsspec URLs.
-    jobs: number of processes. The results do not depend on it.
+    jobs: number of processes. The results do not depend on it, except under lamps, see
+        `LightHistory`.
     force, resume: whether existing results are replaced; whether partial results are continued, and
         complete ones kept.
     Raises `InputError` if a folder or every recording cannot be used, or no recording has a topic

@@ -4,7 +4,7 @@
 
 Processes compute what depends on a single frame. The receiver of the answers keeps the state
 between frames, in the order of the recording, so that results do not depend on the number of
-processes.
+processes, except under lamps, see `LightHistory`.
 """
 
 from __future__ import annotations
@@ -237,7 +237,8 @@ class LightHistory:
     """History of the light of lamps after each answered frame.
 
     A frame gets the light after the frame `ahead` + 1 before it, since `ahead` frames may be
-    unanswered when its task is given. Results thus do not depend on the speed of processes.
+    unanswered when its task is given. Results thus do not depend on the speed of processes, but on
+    their number.
     """
 
     def __init__(self, ahead: int) -> None:
