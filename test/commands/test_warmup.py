@@ -64,6 +64,7 @@ def warm_up(*arguments: str) -> int:
 
 
 @pytest.mark.node
+@pytest.mark.long
 def test_the_second_time_nothing_is_compiled() -> None:
     warm_up("--size", "160x120")
     assert warm_up("--size", "320x240") == 0
