@@ -3,8 +3,8 @@
 #
 #   make venv          .venv with pinned versions and ROS 2 Jazzy, kernels compiled
 #   make demo          simulate, run the node, play the bag into it, report: see demo/
-#   make test          the tests, but for those that render or damage much: five minutes
-#   make studies       these: a good minute
+#   make test          the tests, but for those that render or damage much: five minutes, ten on slow cores
+#   make studies       these: two to four minutes
 #   make fuzz          an hour of damaged files and messages, absurd arguments, signals
 #   make lint          ruff, mypy, import-linter
 #   make quick         lint, and the tests that start no nodes and render little: two minutes
