@@ -52,7 +52,6 @@ venv: $(VENV)/.installed
 $(VENV)/.installed: constraints/constraints-newest.txt $(SOURCES)
 	@tools/make_venv $(VENV) constraints/constraints-newest.txt $(EXTRAS) $(INTERPRETERS)
 	$(VENV)/bin/uw_visibility warmup
-	$(VENV)/bin/uw_visibility warmup --params-file test/lamps.yaml
 	@touch $@
 
 $(VENV_OLDEST)/.installed: constraints/constraints-ubuntu-24.04.txt $(SOURCES)
