@@ -28,11 +28,15 @@ def header_stamp(data: bytes, *, ros1: bool = False) -> int:
         if ros1:
             _, seconds, nanoseconds = struct.unpack_from("<III", data)
         else:
-            order = "<" if data[1] & 1 else ">"
-            seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, CDR_STAMP)
+            seconds, nanoseconds = struct.unpack_from(stamp_format(data), data, CDR_STAMP)
     except (struct.error, IndexError) as error:
         raise InputError("a message ends before its stamp") from error
     return int(seconds * SECOND + nanoseconds)
+
+
+def stamp_format(data: bytes) -> str:
+    """Format of the header's stamp in CDR, for `struct`."""
+    return ("<" if data[1] & 1 else ">") + "iI"
 
 
 def seconds(nanoseconds: int) -> str:

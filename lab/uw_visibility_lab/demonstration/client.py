@@ -22,7 +22,7 @@ from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from uw_visibility.messages.stamps import CDR_STAMP, SECOND, header_stamp
+from uw_visibility.messages.stamps import CDR_STAMP, SECOND, header_stamp, stamp_format
 from uw_visibility.ros.transport.factory import message_type
 from uw_visibility_lab.demonstration.node_process import NodeDied
 
@@ -79,8 +79,7 @@ class Player:
 def with_stamp(data: bytes, stamp: int) -> bytes:
     """Return a message with its header stamp replaced, ns."""
     changed = bytearray(data)
-    # rclpy serialises in the order of bytes of this machine.
-    struct.pack_into("=iI", changed, CDR_STAMP, *divmod(stamp, SECOND))
+    struct.pack_into(stamp_format(data), changed, CDR_STAMP, *divmod(stamp, SECOND))
     return bytes(changed)
 
 
