@@ -195,10 +195,12 @@ class FirstStep:
         if ratio > _EXCHANGED_RATIO:
             raise InputError(
                 "the images match with negative disparities only: exchange left and right")
-        if self._matcher.moved_ratio(max(_ROWS_APART // self._pyramid.factor, 1)) > _MOVED_RATIO:
+        rows = max(_ROWS_APART // self._pyramid.factor, 1)
+        if self._matcher.moved_ratio(rows) > _MOVED_RATIO:
             raise InputError(
-                f"rows of the left and right image do not correspond: more pixels match with one "
-                f"image moved by {_ROWS_APART} px. Calibrate the pair again, or rectify it")
+                "rows of the left and right image do not correspond: more pixels match with one "
+                f"image moved by {rows * self._pyramid.factor} px. Calibrate the pair again, or "
+                "rectify it")
         grid = left.shape[0] * left.shape[1] / self._support_step**2
         return ratio > _CHANCE_RATIO and len(support) < _SPARSE * grid
 

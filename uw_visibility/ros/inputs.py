@@ -205,8 +205,8 @@ class StereoInput:
         clock = self._node.get_clock()
         if clock.ros_time_is_active and clock.now().nanoseconds == 0:
             return Finding(WARN, NO_CLOCK, values)
-        if self._mismatch():
-            return Finding(WARN, self._mismatch(), values)
+        if mismatch := self._mismatch():
+            return Finding(WARN, mismatch, values)
         drops = {name: count for name, count in recent.items() if name.startswith("dropped ")}
         if drops:
             worst = max(drops, key=drops.__getitem__)

@@ -94,8 +94,7 @@ def without_ranges(samples: ColourSamples, valid: Mask | None) -> Blocks:
 def _saturated_from(samples: ColourSamples) -> int:
     """Smallest code of a saturated sample."""
     top = np.iinfo(samples.pixels.dtype).max
-    largest = int(samples.pixels.max())
-    if top > 255 and largest in FULL_CODES:
+    if top > 255 and (largest := int(samples.pixels.max())) in FULL_CODES:
         return largest
     # A codec blurs what was saturated: codes are within its noise of the largest.
     return int(top - samples.noise.max()) if samples.codec_known else top
