@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
-from uw_visibility.compute.numba_import import cgutils, intrinsic, ir, types
+from uw_visibility.compute.numba_import import intrinsic, ir, types
 from uw_visibility.compute.threads import Workers
+from uw_visibility.compute.vectors import LANES, Vectors
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.arrays import Points
 from uw_visibility.stereo.contrast import ContrastNormalizer
@@ -33,10 +34,10 @@ _STRIP, _BEFORE = 80, 8
 _ROWS = 2 * MARGIN + 1
 # Unit of a difference of responses, in levels of the responses, and the largest difference, in
 # units, which limits the cost of an edge that only one view shows.
-_RESPONSE_UNIT, _MOST_RESPONSE = 4, np.uint8(15)
+_RESPONSE_UNIT, _MOST_RESPONSE = 4, 15
 # Unit of cost, in levels of the difference of descriptors (16 responses).
 _UNIT = 16
-_RESPONSES = np.uint16(_UNIT // _RESPONSE_UNIT)
+_RESPONSES = _UNIT // _RESPONSE_UNIT
 # Largest cost of a path: the sum of three, plus up to 2 for the prior's rounding, is below 255, the
 # sum that stands for disparities outside of the right view.
 _MOST_PATH = 252 // 3
@@ -45,7 +46,7 @@ _UNSEEN = np.uint8(255)
 # the largest. In low noise gradients are more reliable, since the tones of two cameras differ.
 # Largest cost of a difference of tone, in units of the responses.
 _TONE_PER_LEVEL, _MOST_PER_LEVEL = 0.5, 3.0
-_MOST_TONE = np.uint16(300 // _RESPONSE_UNIT)
+_MOST_TONE = 300 // _RESPONSE_UNIT
 # Factor on the prior of `dense`, lower since paths also use the neighbours, and the largest prior,
 # in units of cost, so that most of a cost comes from the images.
 _PRIOR = 0.35
@@ -57,8 +58,6 @@ _BEYOND = 3
 _LEAST = 0.06
 # Masks on the sum of the paths: the first path overwrites it, further paths are added.
 _FIRST, _ADDED = np.uint8(0), np.uint8(255)
-# Disparities whose costs are in one vector.
-_VECTOR = 32
 # Cost outside of the disparities: larger than any of a path, and within 8 bits with a step added.
 _BARRED = np.uint8(200)
 # Penalties of a disparity step of one pixel (P1) and of a larger one (P2): without noise, and per
@@ -216,7 +215,7 @@ def _visible(x: int, width: int, low: int, tried: int) -> int:
 @njit(nogil=True, error_model="numpy", inline="always")
 def _whole_vectors(count: int) -> int:
     """Round up to whole vectors: a scalar remainder would take as long as all of them."""
-    return -(-count // _VECTOR) * _VECTOR
+    return -(-count // LANES) * LANES
 
 
 @njit(nogil=True, error_model="numpy")
@@ -232,15 +231,22 @@ def _compare_rows(
         _compare_responses(here, mirrored, width - 1 - x + low, count, difference, x * count)
 
 
-@njit(nogil=True, error_model="numpy")
+@intrinsic
 def _compare_responses(
-    here: Any, mirrored: Any, first: int, count: int, difference: Any, at: int
-) -> None:
-    for part in range(0, count, _VECTOR):
-        for k in range(part, part + _VECTOR):
-            there = mirrored[np.uint64(first + k)]
-            apart = np.uint8(max(here, there) - min(here, there))
-            difference[np.uint64(at + k)] = min(apart, _MOST_RESPONSE)
+    typingctx: Any, here: Any, there: Any, first: Any, count: Any, difference: Any, at: Any
+) -> Any:
+    """Compare a response with those of the right view at each disparity; arrays are 1-D uint8."""
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
+        v = Vectors(context, builder)
+        here, there, first, count, difference, at = v.operands(signature, arguments)
+        here, most = v.filled(here), v.constant(_MOST_RESPONSE, 8)
+        with v.loop(count) as k:
+            apart = v.apart(here, v.load(there, builder.add(first, k)))
+            v.store(v.smaller(apart, most), difference, builder.add(at, k))
+
+    i = types.intp
+    return types.void(types.uint8, there, i, i, difference, i), codegen
 
 
 @njit(nogil=True, error_model="numpy")
@@ -274,23 +280,37 @@ def _add_five(a: Any, b: Any, c: Any, d: Any, e: Any, total: Any) -> None:
         total[i] = np.uint8(a[i] + b[i] + c[i] + d[i] + e[i])
 
 
-@njit(nogil=True, error_model="numpy")
+@intrinsic
 def _add_tones(
-    here: Any, there: Any, first: int, count: int, scale: Any, most: Any, least: Any, cost: Any,
-    at: int,
-) -> None:
+    typingctx: Any, here: Any, there: Any, first: Any, count: Any, scale: Any, most: Any,
+    least: Any, cost: Any, at: Any,
+) -> Any:
     """Add differences of tone to those of the responses, and turn the sums into costs.
 
-    The costs are from `least` to `least + most`.
+    The costs (1-D uint8) are from `least` to `least + most`. Tones are uint16, those of the right
+    view 1-D; `scale` is in 1/65536.
     """
-    for part in range(0, count, _VECTOR):
-        for k in range(part, part + _VECTOR):
-            other = there[np.uint64(first + k)]
-            apart = np.uint16(max(here, other) - min(here, other))
-            tone = np.uint16((np.uint32(apart) * np.uint32(scale)) >> np.uint32(16))
-            i = np.uint64(at + k)
-            responses = np.uint16(cost[i] + min(tone, _MOST_TONE) + _RESPONSES // 2)
-            cost[i] = np.uint8(min(np.uint16(responses // _RESPONSES), most) + least)
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
+        v = Vectors(context, builder)
+        here, there, first, count, scale, most, least, cost, at = v.operands(signature, arguments)
+        here, most, least = v.filled(here), v.filled(most), v.filled(least)
+        scale = v.with_bits(v.filled(scale), 32)
+        with v.loop(count) as k:
+            apart = v.apart(here, v.load(there, builder.add(first, k)))
+            scaled = builder.mul(v.with_bits(apart, 32), scale)
+            tone = v.with_bits(builder.lshr(scaled, v.constant(16, 32)), 16)
+            i = builder.add(at, k)
+            responses = builder.add(
+                v.with_bits(v.load(cost, i), 16), v.smaller(tone, v.constant(_MOST_TONE, 16)))
+            responses = builder.udiv(
+                builder.add(responses, v.constant(_RESPONSES // 2, 16)),
+                v.constant(_RESPONSES, 16))
+            v.store(
+                builder.add(v.with_bits(v.smaller(responses, most), 8), least), cost, i)
+
+    short, byte, i = types.uint16, types.uint8, types.intp
+    return types.void(short, there, i, i, short, short, byte, cost, i), codegen
 
 
 @njit(nogil=True, error_model="numpy")
@@ -314,52 +334,29 @@ def _extend(
 ) -> Any:
     """Extend a path by a pixel (Hirschmüller 2008, equation 13); return the least of its costs.
 
-    They are added to `total & keep`. Arrays are 1-D uint8, and `count` is whole vectors. In plain
-    numba, checks at each pixel whether arrays overlap would take as long as the rest.
+    They are added to `total & keep`. Arrays are 1-D uint8, and `count` is whole vectors.
     """
-    byte, index = ir.IntType(8), ir.IntType(64)
-    vector = ir.VectorType(byte, _VECTOR)
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        source, start, least, cost, at, count, step, jump, target, to, total, keep = (
-            context.make_array(kind)(context, builder, value).data
-            if isinstance(kind, types.Array) else value
-            for kind, value in zip(signature.args, arguments, strict=True))
-        minimum = builder.module.declare_intrinsic(
-            f"llvm.umin.v{_VECTOR}i8", (), ir.FunctionType(vector, [vector, vector]))
-        smallest = builder.module.declare_intrinsic(
-            f"llvm.vector.reduce.umin.v{_VECTOR}i8", (), ir.FunctionType(byte, [vector]))
-        one = ir.Constant(index, 1)
-
-        def everywhere(value: Any) -> Any:
-            nothing = ir.Constant(vector, ir.Undefined)
-            lanes = ir.Constant(ir.VectorType(ir.IntType(32), _VECTOR), [0] * _VECTOR)
-            first = builder.insert_element(nothing, value, ir.Constant(ir.IntType(32), 0))
-            return builder.shuffle_vector(first, nothing, lanes)
-
-        def place(array: Any, i: Any) -> Any:
-            return builder.bitcast(builder.gep(array, [i]), vector.as_pointer())
-
-        def load(array: Any, i: Any) -> Any:
-            return builder.load(place(array, i), align=1)
-
-        most = everywhere(builder.add(least, jump))
-        step, least, keep = everywhere(step), everywhere(least), everywhere(keep)
-        fresh = cgutils.alloca_once_value(builder, ir.Constant(vector, [255] * _VECTOR))
-        with cgutils.for_range_slice(
-            builder, ir.Constant(index, 0), count, ir.Constant(index, _VECTOR)
-        ) as (k, _):
+        v = Vectors(context, builder)
+        source, start, least, cost, at, count, step, jump, target, to, total, keep = v.operands(
+            signature, arguments)
+        one = ir.Constant(start.type, 1)
+        most = v.filled(builder.add(least, jump))
+        step, least, keep = v.filled(step), v.filled(least), v.filled(keep)
+        fresh = v.variable(v.constant(255, 8))
+        with v.loop(count) as k:
             from_k, i = builder.add(start, k), builder.add(at, k)
-            beside = builder.call(minimum, [
-                load(source, builder.sub(from_k, one)), load(source, builder.add(from_k, one))])
-            path = builder.call(minimum, [load(source, from_k), builder.add(beside, step)])
-            path = builder.call(minimum, [path, most])
-            here = builder.add(load(cost, i), builder.sub(path, least))
-            builder.store(here, place(target, builder.add(to, k)), align=1)
-            kept = builder.and_(load(total, i), keep)
-            builder.store(builder.add(kept, here), place(total, i), align=1)
-            builder.store(builder.call(minimum, [builder.load(fresh), here]), fresh)
-        return builder.call(smallest, [builder.load(fresh)])
+            beside = v.smaller(
+                v.load(source, builder.sub(from_k, one)), v.load(source, builder.add(from_k, one)))
+            path = v.smaller(v.load(source, from_k), builder.add(beside, step))
+            path = v.smaller(path, most)
+            here = builder.add(v.load(cost, i), builder.sub(path, least))
+            v.store(here, target, builder.add(to, k))
+            kept = builder.and_(v.load(total, i), keep)
+            v.store(builder.add(kept, here), total, i)
+            builder.store(v.smaller(builder.load(fresh), here), fresh)
+        return v.smallest(builder.load(fresh))
 
     value, i = types.uint8, types.intp
     return value(source, i, value, cost, i, i, value, value, target, i, total, value), codegen
@@ -424,18 +421,30 @@ def _select(
         refined[x] = max(best_left[x] + offset, _LEAST) if best_left[x] >= 0 else np.nan
 
 
-@njit(nogil=True, error_model="numpy")
-def _offer(total: Any, at: int, count: int, keys: Any, to: int) -> Any:
-    """Update the best keys of the right view with a pixel's; return the pixel's own best key."""
-    best = _NO_KEY
-    for first in range(0, count, _VECTOR):
-        for k in range(first, first + _VECTOR):
-            sum_of_costs = np.uint16(total[np.uint64(at + k)])
-            key = np.uint16((sum_of_costs << np.uint16(8)) + np.uint16(k))
-            best = min(best, key)
-            there = np.uint64(to + k)
-            keys[there] = min(keys[there], key)
-    return best
+@intrinsic
+def _offer(typingctx: Any, total: Any, at: Any, count: Any, keys: Any, to: Any) -> Any:
+    """Update the best keys of the right view with a pixel's; return the pixel's own best key.
+
+    `total` is 1-D uint8, `keys` 1-D uint16.
+    """
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        v = Vectors(context, builder)
+        total, at, count, keys, to = v.operands(signature, arguments)
+        best = v.variable(v.constant(int(_NO_KEY), 16))
+        numbers = v.constant(list(range(LANES)), 16)
+        with v.loop(count) as k:
+            sums = v.with_bits(v.load(total, builder.add(at, k)), 16)
+            first = v.filled(builder.trunc(k, ir.IntType(16)))
+            key = builder.add(
+                builder.shl(sums, v.constant(8, 16)), builder.add(first, numbers))
+            there = builder.add(to, k)
+            v.store(v.smaller(v.load(keys, there), key), keys, there)
+            builder.store(v.smaller(builder.load(best), key), best)
+        return v.smallest(builder.load(best))
+
+    i = types.intp
+    return types.uint16(total, i, i, keys, i), codegen
 
 
 @njit(nogil=True, error_model="numpy", inline="always")
