@@ -98,6 +98,6 @@ def test_a_band_has_the_grain_of_the_image() -> None:
 def test_sizes_that_no_cells_fill(shape: tuple[int, int]) -> None:
     image = np.random.default_rng(0).integers(0, 256, (*shape, 3)).astype(np.uint8)
     grain = find_grain(image, NOISE, linear_table("linear", np.uint8))
-    assert grain.shape == (shape[0], 3, shape[1]) and np.isfinite(grain).all()
+    assert grain.shape == (*shape, 3) and np.isfinite(grain).all()
     enhanced, _ = Restorer().restore(image, np.full(shape, 2.0, np.float32), WATER, NOISE)
     assert enhanced.shape == image.shape

@@ -57,7 +57,7 @@ def expected(
     config: EnhancementConfig, noise: np.ndarray,
 ) -> np.ndarray:
     """What `Restorer` says it does with linear images, in double precision."""
-    grain = np.swapaxes(find_grain(image, noise, linear_table("linear", image.dtype)), 1, 2)
+    grain = find_grain(image, noise, linear_table("linear", image.dtype))
     light, veil, white = image / 255.0 - grain, water.ambient_light, water.scene_light
     gain = np.exp(np.minimum(
         water.attenuation * distance[..., np.newaxis], np.log(64.0 * config.max_gain)))

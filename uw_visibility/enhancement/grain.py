@@ -24,30 +24,30 @@ CELL = 4
 REACH = 3 * CELL
 
 
-def find_grain(planes: NDArray[Any], noise: Array, decode: NDArray[np.float32]) -> Map:
-    """Estimate the grain of an image, (H, C, W) float32, irradiance.
+def find_grain(image: NDArray[Any], noise: Array, decode: NDArray[np.float32]) -> Map:
+    """Estimate the grain of an image, (H, W, C) float32, irradiance.
 
-    planes: (H, W, C) of uint8 or uint16, code values.
+    image: (H, W, C) of uint8 or uint16, code values.
     noise: (C,) float64, standard deviation of the noise, code values; rounding is added to it.
     decode: irradiance of each code value.
     """
-    height, width, count = planes.shape
+    height, width = image.shape[:2]
     below, beside = -height % CELL, -width % CELL
     size = width + beside, height + below
     cells = size[0] // CELL, size[1] // CELL
-    grain = np.empty((height, count, width), np.float32)
-    for c, expected in enumerate((noise**2 + ROUNDING_VARIANCE).tolist()):
-        # Cells are whole, so that bands of an image have those of the image.
-        plane = cv2.copyMakeBorder(
-            planes[..., c], 0, below, 0, beside, cv2.BORDER_REPLICATE).astype(np.float32)
-        mean = cv2.resize(plane, cells, interpolation=cv2.INTER_AREA)
-        off = plane - cv2.resize(mean, size, interpolation=cv2.INTER_LINEAR)
-        variance = cv2.resize(off * off, cells, interpolation=cv2.INTER_AREA)
-        # Averaging reduces scatter; the maximum keeps detail at edges and beside them.
-        around = cv2.blur(variance, (3, 3), borderType=cv2.BORDER_REPLICATE)
-        share = expected / np.maximum(np.maximum(around, variance), expected)
-        code = np.clip(mean.astype(np.intp), 1, decode.size - 1)
-        share *= decode[code] - decode[code - 1]
-        off *= cv2.resize(share, size, interpolation=cv2.INTER_LINEAR)
-        grain[:, c] = off[:height, :width]
-    return grain
+    # Cells are whole, so that bands of an image have those of the image.
+    codes = cv2.copyMakeBorder(
+        image.astype(np.float32), 0, below, 0, beside, cv2.BORDER_REPLICATE)
+    mean = cv2.resize(codes, cells, interpolation=cv2.INTER_AREA)
+    off = cv2.subtract(codes, cv2.resize(mean, size, interpolation=cv2.INTER_LINEAR), dst=codes)
+    variance = cv2.resize(cv2.multiply(off, off), cells, interpolation=cv2.INTER_AREA)
+    # Averaging reduces scatter; the maximum keeps detail at edges and beside them.
+    around = cv2.blur(variance, (3, 3), borderType=cv2.BORDER_REPLICATE)
+    expected = (noise**2 + ROUNDING_VARIANCE).astype(np.float32)
+    mean, variance, around = (
+        plane.reshape(*cells[::-1], -1) for plane in (mean, variance, around))
+    share = expected / np.maximum(np.maximum(around, variance), expected)
+    code = np.clip(mean.astype(np.intp), 1, decode.size - 1)
+    share *= decode[code] - decode[code - 1]
+    grain = cv2.multiply(off, cv2.resize(share, size, interpolation=cv2.INTER_LINEAR), dst=off)
+    return np.asarray(grain.reshape(*size[::-1], -1)[:height, :width])

@@ -81,7 +81,7 @@ def _restore(
 ) -> None:
     """Restore a band of rows, plane by plane, so that the compiler vectorises loops.
 
-    `light` is (Y, 3, X, R, 2); `grain` (H, 3, W) is left out, and added again without gain.
+    `light` is (Y, 3, X, R, 2); `grain` (H, W, 3) is left out, and added again without gain.
     """
     width = image.shape[1]
     last_row, last_column = light.shape[0] - 1, light.shape[2] - 1
@@ -128,7 +128,7 @@ def _restore(
                 e, f = (one - fx) * fz, fx * fz
                 gain[x] = -(a * plane[i, k, 0] + b * plane[i + 1, k, 0]
                             + e * plane[i, k + 1, 0] + f * plane[i + 1, k + 1, 0])
-                value[c, x] = decode[image[y, x, c]] - grain[y, c, x] - (
+                value[c, x] = decode[image[y, x, c]] - grain[y, x, c] - (
                     a * plane[i, k, 1] + b * plane[i + 1, k, 1]
                     + e * plane[i, k + 1, 1] + f * plane[i + 1, k + 1, 1])
             for x in range(width):
@@ -145,7 +145,7 @@ def _restore(
                 radiance = value[c, x] + (best - kept[c, x]) * mean
                 radiance = radiance if radiance > zero else zero
                 radiance = radiance if radiance < one else one
-                value[c, x] = (radiance + grain[y, c, x]) * top + half
+                value[c, x] = (radiance + grain[y, x, c]) * top + half
         for c in range(3):
             for x in range(width):
                 enhanced[y, x, c] = (

@@ -204,13 +204,14 @@ def _restore(
     stays unchanged.
     A channel moves by the largest k minus its own towards the channels' k-weighted mean radiance:
     otherwise the most attenuated channel would leave a colour cast on far surfaces.
-    E is the image without its `grain` (H, C, W), which is added again without gain.
+    E is the image without its `grain` (H, W, C), which is added again without gain.
 
     Rows are processed plane by plane in small buffers: the compiler vectorises loops over
     contiguous floats without lookups, branches or calls.
     """
     width, count = image.shape[1], image.shape[2]
     seen = np.empty((count, width), np.float32)
+    left_out = np.empty((count, width), np.float32)
     restored = np.empty((count, width), np.float32)
     part = np.empty((count, width), np.float32)
     total = np.empty(width, np.float32)
@@ -224,6 +225,7 @@ def _restore(
         for x in range(width):
             for c in range(count):
                 seen[c, x] = decode[image[y, x, c]]
+                left_out[c, x] = grain[y, x, c]
         total[:] = np.float32(1e-6)
         mean[:] = 0
         best[:] = 0
@@ -233,7 +235,7 @@ def _restore(
             inverse = one / light[c]
             water = veil[c] / light[c]
             for x in range(width):
-                seen[c, x] -= grain[y, c, x]
+                seen[c, x] -= left_out[c, x]
                 e = gain[c, y, x]
                 radiance = water + (seen[c, x] * inverse - water) * e
                 radiance = radiance if radiance > zero else zero
@@ -256,7 +258,7 @@ def _restore(
                     limited[y, x] |= k < half
                     plane[x] += (
                         k * (restored[c, x] - plane[x]) + (best[x] - k) * (mean[x] - plane[x]))
-                    plane[x] += grain[y, c, x] * inverse
+                    plane[x] += left_out[c, x] * inverse
             for x in range(width):
                 plane[x] = plane[x] * top + half
         for x in range(width):
