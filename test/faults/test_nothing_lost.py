@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 
 from uw_visibility.cli import main
-from uw_visibility.replay.bags.writer import BagWriter
 from uw_visibility.replay.results.recorder import FrameRecorder
 from uw_visibility.replay.table import read_rows
 
@@ -288,17 +287,6 @@ def test_simulate_replaces_no_recording_of_a_vehicle(
     (hidden / "simulated" / "simulated.mcap").write_text("mine")
     assert main([*command, str(simulated)]) == 0
     assert (hidden / "simulated" / "simulated.mcap").read_text() == "mine"
-
-
-def test_a_bag_gives_way_to_what_came_under_its_name(tmp_path: Path) -> None:
-    bag = tmp_path / "bag"
-    with pytest.raises(ValueError, match=r"the bag is in .*bag\.\w*\.partial"), \
-            BagWriter(bag, {"/a": "std_msgs/msg/Float64"}):
-        bag.mkdir()
-        (bag / "notes.txt").write_text("mine")
-    assert (bag / "notes.txt").read_text() == "mine"
-    (kept,) = tmp_path.glob("bag.*.partial")
-    assert {path.name for path in kept.iterdir()} == {"bag.mcap", "metadata.yaml"}
 
 
 def test_calibrate_replaces_its_own_files_only(

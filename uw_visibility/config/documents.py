@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +16,7 @@ from uw_visibility.errors import InputError
 # Parameter files have a few kB; a bag's metadata has a few kB per topic.
 MOST_BYTES = 4 << 20
 DEEPEST = 32
-# No parameter, size or count is larger.
-LARGEST_INTEGER = 2**63
+# Most characters of a number: reading takes time that grows with their square.
 LONGEST_NUMBER = 100
 
 
@@ -39,7 +40,7 @@ def parse_yaml(text: str) -> Any:
     """Parse YAML as ROS 2's own parser accepts it: without aliases and tags of programs.
 
     Raises `InputError` if it is not YAML, is nested deeper than `DEEPEST`, repeats a key, refers to
-    another part of itself, or holds an integer beyond 64 bit.
+    another part of itself, or holds a number that is too long.
     """
     # Imported here, since --help does not need it.
     import yaml
@@ -73,39 +74,18 @@ def _check_events(yaml: Any, events: Any) -> None:
 
 
 def _loader(yaml: Any, parser: Any) -> Any:
-    """Return a YAML loader that refuses repeated keys and huge integers."""
+    """Return a YAML loader that refuses repeated keys and long numbers."""
 
     class Loader(parser):  # type: ignore[misc]
         def construct_mapping(self, node: Any, deep: bool = False) -> Any:
-            seen = set()
-            for key, _ in node.value:
-                if isinstance(key, yaml.ScalarNode):
-                    if key.value in seen:
-                        raise InputError(
-                            f"line {key.start_mark.line + 1} gives {key.value!r} a second time: "
-                            "remove one of them"
-                        )
-                    seen.add(key.value)
+            _check_unique(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
             return super().construct_mapping(node, deep)
 
-        def construct_yaml_int(self, node: Any) -> int:
-            self._check_length(node)
-            value = int(super().construct_yaml_int(node))
-            _check_integer(value)
-            return value
+        def construct_scalar(self, node: Any) -> Any:
+            if node.tag.endswith((":int", ":float")):
+                _check_length(node.value)
+            return super().construct_scalar(node)
 
-        def construct_yaml_float(self, node: Any) -> float:
-            self._check_length(node)
-            return float(super().construct_yaml_float(node))
-
-        def _check_length(self, node: Any) -> None:
-            if len(node.value) > LONGEST_NUMBER:
-                raise InputError(
-                    f"line {node.start_mark.line + 1} has a number of {len(node.value)} characters"
-                )
-
-    Loader.add_constructor("tag:yaml.org,2002:int", Loader.construct_yaml_int)
-    Loader.add_constructor("tag:yaml.org,2002:float", Loader.construct_yaml_float)
     return Loader
 
 
@@ -113,38 +93,35 @@ def parse_json(text: str) -> Any:
     """Parse JSON.
 
     Raises `InputError` if it is not JSON (NaN and Infinity are not), is nested too deep, repeats a
-    key, or holds an integer beyond 64 bit.
+    key, or holds an integer that is too long.
     """
     try:
         return json.loads(
             text, object_pairs_hook=_unique, parse_int=_integer, parse_constant=_refuse
         )
-    except RecursionError as error:
-        raise InputError("it is nested too deep") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(str(error)) from error
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    content: dict[str, Any] = {}
-    for name, value in pairs:
-        if name in content:
-            raise InputError(f"it gives {name!r} twice: remove one of them")
-        content[name] = value
-    return content
+    _check_unique(name for name, _ in pairs)
+    return dict(pairs)
 
 
 def _integer(text: str) -> int:
-    if len(text) > LONGEST_NUMBER:
-        raise InputError(f"it has a number of {len(text)} characters")
-    value = int(text)
-    _check_integer(value)
-    return value
+    _check_length(text)
+    return int(text)
 
 
-def _check_integer(value: int) -> None:
-    if not -LARGEST_INTEGER <= value < LARGEST_INTEGER:
-        raise InputError(f"it has the integer {value}: give one of 64 bit")
+def _check_unique(names: Iterable[str]) -> None:
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise InputError(f"it gives {name!r} twice in one place: remove one of them")
+
+
+def _check_length(number: str) -> None:
+    if len(number) > LONGEST_NUMBER:
+        raise InputError(f"it has a number of {len(number)} characters")
 
 
 def _refuse(word: str) -> None:

@@ -251,15 +251,6 @@ def new_name() -> str:
     return uuid.uuid4().hex[:_DIGITS]
 
 
-def in_work(products: Products, within: str = "") -> Products:
-    """Return the products in the temporary folder of results, or `within` a folder in it."""
-    names = (products.mark, *products.files)
-    if within:
-        folder = glob.escape(within)
-        names = (f"{folder}/", *(f"{folder}/{name}" for name in names))
-    return Products(WORK_MARK, names, "no folder of an unfinished run")
-
-
 @contextmanager
 def work_folder(folder: Path, products: Products) -> Iterator[Path]:
     """Make a temporary folder for results, and remove it with its remains at the end."""
@@ -280,7 +271,8 @@ def gathered(folder: Path, products: Products, *, force: bool) -> Iterator[Path]
     results are complete: it is removed first and moved last. If something cannot be written, or a
     foreign file has appeared under the name of a result (`InputError`), nothing is replaced.
     """
-    work, name = in_work(products), new_name()
+    work = Products(WORK_MARK, (products.mark, *products.files), "no folder of an unfinished run")
+    name = new_name()
     with refusing(f"cannot write to folder {folder}"):
         _tidy(folder, "", work)
         with work_folder(folder / f".{name}{PARTIAL}", work) as aside:

@@ -18,7 +18,6 @@ from uw_visibility.config.files import Products, gathered
 from uw_visibility.messages.outputs import TOPICS
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.replay.bags.reader import BagReader
-from uw_visibility.replay.bags.writer import check_bag
 from uw_visibility.replay.progress import progress_bar, tell
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility_lab.demonstration import comparison
@@ -32,6 +31,7 @@ from uw_visibility_lab.demonstration.client import (
 from uw_visibility_lab.demonstration.comparison import Row, Truth
 from uw_visibility_lab.demonstration.node_process import NodeProcess, isolate, reserved_domain
 from uw_visibility_lab.simulation.bag import write_transect
+from uw_visibility_lab.simulation.new_bag import check_bag
 from uw_visibility_lab.simulation.transect import Transect, TransectFrame
 
 Item = TypeVar("Item")

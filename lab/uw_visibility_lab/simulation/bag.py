@@ -33,10 +33,10 @@ from uw_visibility.messages.estimates import (
 )
 from uw_visibility.messages.images import MessageFactory, write_image
 from uw_visibility.optics.light_model import visibility_distance
-from uw_visibility.replay.bags.writer import BagWriter
 from uw_visibility.replay.inputs.sensors import geographic
 from uw_visibility_lab.simulation.camera import StereoCamera
 from uw_visibility_lab.simulation.lamps import Lamp, lighting_parameters
+from uw_visibility_lab.simulation.new_bag import new_bag
 from uw_visibility_lab.simulation.transect import Transect, TransectFrame
 from uw_visibility_lab.simulation.view import MAX_RANGE
 
@@ -125,7 +125,7 @@ def write_transect(
     topics = TOPICS | (LAMP_TOPICS if lighting.lamps else {})
     if position is not None:
         topics = topics | {POSITION_TOPIC: POSITION_TYPE}
-    with BagWriter(path, topics, overwrite=overwrite) as bag:
+    with new_bag(Path(path), topics, overwrite=overwrite) as bag:
         if lighting.lamps:
             parameters = lighting_parameters(lighting.lamps, lighting.daylight)
             text = render_values(parameters, "The lamps of this recording, for --params-file.")

@@ -120,7 +120,7 @@ class FrameRecorder:
         absolute = {f"/{topic}": name for topic, name in topics.items()} | dict(copied.values())
         if options.all_topics:
             absolute[DIAGNOSTICS] = DIAGNOSTICS_TYPE
-        self._bag = BagWriter(folder / "results", absolute, in_place=True, compress=True)
+        self._bag = BagWriter(folder / "results", absolute, compress=True)
         self.filter = WaterFilter(options.pipeline)
         # Only for a resumed replay; each line is written at once.
         self._log = (folder / LOG).open("w", encoding="ascii", buffering=1)
