@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.processor import FrameProcessor
-from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
+from uw_visibility.optics.light_model import attenuate, transmission
 from uw_visibility.optics.transfer import from_linear
 from uw_visibility.pipeline.result import FrameResult
 from uw_visibility.stereo.rig import StereoRig
@@ -157,7 +157,7 @@ def water_view(
     distance = np.repeat(steps, -(-size[1] // planes))[:size[1]]
     distance = np.tile(distance, (size[0], 1)).astype(np.float32)
     beta = KAPPA + alpha
-    ambient = ambient_light_at_depth(beta, depth)
+    ambient = transmission(beta, depth)
     return WaterView(attenuate(rho, distance, beta, ambient), distance, beta, ambient)
 
 

@@ -9,13 +9,11 @@ from hypothesis import strategies as st
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.optics.light_model import (
-    ambient_light_at_depth,
     attenuate,
     contrast_gain,
     irradiance_of,
     radiance_of,
     transmission,
-    veil_of,
 )
 
 BETA = np.array([0.5, 0.3, 0.2])
@@ -67,8 +65,7 @@ def test_what_the_water_added_and_took_is_undone(beta, distance, veil, light, rh
     assert seen == pytest.approx(light * rho * left + veil * (1 - left))
     gain = contrast_gain(beta, distance)
     assert radiance_of(seen, gain, veil, light) == pytest.approx(rho, abs=1e-9)
-    black = veil_of(veil, left)
-    assert irradiance_of(0.0, left, veil, light) == pytest.approx(black)
+    assert irradiance_of(0.0, left, veil, light) == pytest.approx(veil * (1 - left))
 
 
 def test_an_image_may_have_another_light_than_veil():
@@ -84,15 +81,8 @@ def test_kernels_call_the_same_formulas():
         left = transmission(beta, distance)
         seen = irradiance_of(rho, left, veil, light)
         back = radiance_of(seen, contrast_gain(beta, distance), veil, light)
-        return left, seen, back, veil_of(veil, left)
+        return left, seen, back
 
     values = 0.3, 2.0, 0.5, 0.9, 0.4
     # NumPy's exponential and the kernels' differ in the last bit.
     assert in_kernel(*values) == pytest.approx(in_kernel.py_func(*values), rel=1e-14)
-
-
-def test_ambient_light_falls_exponentially():
-    np.testing.assert_allclose(
-        ambient_light_at_depth(BETA, 4.0, surface_light=2.0, surface_transmission=0.9),
-        1.8 * np.exp(-4 * BETA))
-    assert ambient_light_at_depth(BETA, 0.0) == pytest.approx([1, 1, 1])

@@ -54,6 +54,12 @@ def test_names_what_does_not_fit(rendered):
     left, disparity, rig, _ = rendered
     with pytest.raises(InputError, match="one floating-point number per pixel"):
         estimate_water(left, disparity[:-1], rig)
+    with pytest.raises(InputError, match=r"give \(H, W, 3\) or \(H, W\)"):
+        estimate_water(left[..., :2], disparity, rig)
+    with pytest.raises(InputError, match="int32"):
+        estimate_water(left.astype(np.int32), disparity, rig)
+    with pytest.raises(InputError, match="valid pixels are bool of shape"):
+        estimate_water(left, disparity, rig, valid=np.ones((4, 4), bool))
     with pytest.raises(InputError, match="disparity_stddev"):
         estimate_water(left, disparity, rig, disparity_stddev=-1.0)
     for other in (None, "1", np.nan, disparity):

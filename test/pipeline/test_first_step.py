@@ -8,9 +8,16 @@ import pytest
 from scenes import ReefView
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
+from uw_visibility.compute.threads import Workers
 from uw_visibility.errors import InputError
+from uw_visibility.images.arrays import Image
+from uw_visibility.images.view import StereoViews, View
+from uw_visibility.pipeline.first_step import CoarseEstimate, FirstStep
+from uw_visibility.pipeline.lamps import Estimators
+from uw_visibility.pipeline.result import StageClock
 from uw_visibility.status import Status
 from uw_visibility.stereo.pyramid import Pyramid
+from uw_visibility.water.meaning.assessment import Assessor
 from uw_visibility_lab.simulation.camera import StereoCamera
 from uw_visibility_lab.simulation.frame import RenderedFrame
 from uw_visibility_lab.simulation.water import Water
@@ -23,30 +30,38 @@ def frame() -> RenderedFrame:
     return ReefView(CAMERA, water=Water(0.2, 3.0)).frame()
 
 
-def pipeline(**parameters: float) -> Pipeline:
-    named = {name.replace("__", "."): value for name, value in parameters.items()}
-    return Pipeline(
-        StereoRig(CAMERA.focal_length, CAMERA.baseline, ((644 - 1) / 2, (362 - 1) / 2)),
-        PipelineConfig.from_parameters({"stereo.max_disparity": 64, **named}),
-    )
+def config_of(parameters: dict[str, float]) -> PipelineConfig:
+    return PipelineConfig.from_parameters({"stereo.max_disparity": 64, **parameters})
+
+
+def pipeline() -> Pipeline:
+    return Pipeline(CAMERA.rig, config_of({}))
+
+
+def coarse_estimate(left: Image, right: Image, **parameters: float) -> CoarseEstimate:
+    """What step 1 finds."""
+    config = config_of(parameters)
+    estimator = Estimators(config, Assessor(config), CAMERA.rig).first
+    step = FirstStep(left.shape[:2], CAMERA.rig, config, estimator, Workers(1))
+    return step.run(StereoViews(View.of(left), View.of(right)), StageClock())
 
 
 def test_large_images_are_matched_small_and_told_in_their_own_pixels(
     frame: RenderedFrame,
 ) -> None:
-    coarse = pipeline().coarse_estimate(frame.left, frame.right)
+    coarse = coarse_estimate(frame.left, frame.right)
     assert coarse.disparity.shape == (181, 322)
     u, v, disparity = coarse.points.T
     assert u.max() > 600 and v.max() > 340
     truth = frame.disparity_left[np.round(v).astype(int), np.round(u).astype(int)]
     assert np.nanmedian(np.abs(disparity - truth)) < 0.5
-    dense = coarse.whole_disparity()
+    dense = Pyramid(2, (362, 644)).upsample_disparity(coarse.disparity)
     assert dense.shape == (362, 644)
     assert np.nanmedian(np.abs(dense - frame.disparity_left)) < 1.0
 
 
 def test_the_water_seen_first_is_near_the_truth(frame: RenderedFrame) -> None:
-    coarse = pipeline().coarse_estimate(frame.left, frame.right)
+    coarse = coarse_estimate(frame.left, frame.right)
     np.testing.assert_allclose(coarse.water.attenuation, frame.attenuation, rtol=0.25)
 
 
@@ -54,16 +69,16 @@ def test_the_water_seen_first_is_near_the_truth(frame: RenderedFrame) -> None:
     ("parameters", "width"),
     [
         # Too few disparities would be left of a narrow search.
-        ({"stereo__max_disparity": 40}, 644),
+        ({"stereo.max_disparity": 40}, 644),
         # No larger than what step 2 matches.
-        ({"stereo__reduction": 3}, 214),
-        ({"stereo__reduction": 2}, 322),
+        ({"stereo.reduction": 3}, 214),
+        ({"stereo.reduction": 2}, 322),
     ],
 )
 def test_small_copies_keep_enough_to_be_matched(
     frame: RenderedFrame, parameters: dict[str, float], width: int
 ) -> None:
-    coarse = pipeline(**parameters).coarse_estimate(frame.left, frame.right)
+    coarse = coarse_estimate(frame.left, frame.right, **parameters)
     assert coarse.disparity.shape[1] == width
 
 
@@ -72,7 +87,7 @@ def test_a_hand_is_left_out_at_the_size_of_the_images(frame: RenderedFrame) -> N
         cv2.circle(image.copy(), (at, 200), 70, (1, 1, 1), -1)
         for image, at in ((frame.left, 420), (frame.right, 200))
     )
-    coarse = pipeline().coarse_estimate(left, right)
+    coarse = coarse_estimate(left, right)
     assert coarse.view.valid is not None and coarse.view.valid.shape == (362, 644)
     assert not coarse.view.valid[140:260, 370:470].any()
     assert coarse.view.valid[:, :250].all()
@@ -101,7 +116,7 @@ def test_what_is_masked_does_not_move_the_estimate(frame: RenderedFrame) -> None
 
 def test_exchanged_large_images_are_refused(frame: RenderedFrame) -> None:
     with pytest.raises(InputError, match="exchange left and right"):
-        pipeline().coarse_estimate(frame.right, frame.left)
+        coarse_estimate(frame.right, frame.left)
 
 
 def test_one_image_for_both_sides_is_refused(frame: RenderedFrame) -> None:
@@ -147,10 +162,10 @@ def test_a_pair_whose_calibration_is_off_by_rows_is_refused(
         np.clip(image + random.normal(0.0, noise, image.shape), 0, 255).astype(np.uint8)
         for image in (frame.left, np.roll(frame.right, rows, axis=0)))
     if abs(rows) == 1:
-        assert pipeline().coarse_estimate(left, right).coverage > 0.5
+        assert coarse_estimate(left, right).coverage > 0.5
     else:
         with pytest.raises(InputError, match="rows of the left and right image do not correspond"):
-            pipeline().coarse_estimate(left, right)
+            coarse_estimate(left, right)
 
 
 def test_a_small_thing_in_open_water_is_no_chance(frame: RenderedFrame) -> None:
@@ -161,7 +176,7 @@ def test_a_small_thing_in_open_water_is_no_chance(frame: RenderedFrame) -> None:
     rows, columns, disparity = slice(220, 280), slice(300, 390), 24
     left[rows, columns] = frame.left[rows, columns]
     right[rows, columns.start - disparity:columns.stop - disparity] = frame.left[rows, columns]
-    coarse = pipeline().coarse_estimate(left, right)
+    coarse = coarse_estimate(left, right)
     assert 10 <= len(coarse.points) < 400
     assert not coarse.by_chance
 

@@ -36,15 +36,6 @@ def contrast_gain(attenuation: Any, distance: Any) -> Any:
 
 
 @register_jitable
-def veil_of(veil: Any, transmitted: Any) -> Any:
-    """Veil B (1 − e^(−βd)) in front of a scene: the irradiance of a black patch (eq. 6).
-
-    For a patch that is not black, `transmitted` is a part of the transmission.
-    """
-    return veil * (1.0 - transmitted)
-
-
-@register_jitable
 def irradiance_of(radiance: Any, transmitted: Any, veil: Any, light: Any) -> Any:
     """Irradiance E of a patch of radiance ρ (eq. 1): W ρ e^(−βd) + B (1 − e^(−βd))."""
     return light * (veil / light + (radiance - veil / light) * transmitted)
@@ -103,28 +94,6 @@ def attenuate(
     light = ambient if scene_light is None else np.asarray(scene_light, np.float32)
     scene = radiance.astype(np.float32, copy=False)
     return np.asarray(irradiance_of(scene, transmitted, ambient, light), np.float32)
-
-
-def ambient_light_at_depth(
-    attenuation: ArrayLike, depth: float, surface_light: ArrayLike = 1.0,
-    surface_transmission: float = 1.0,
-) -> Array:
-    """Ambient light I∞ = T·I0·e^(−βz) below the surface, (3,) (eq. 2).
-
-    Parameters
-    ----------
-    attenuation : (3,) array_like
-        β for R, G, B, 1/m.
-    depth : float
-        Depth z, m.
-    surface_light : array_like
-        Light I0 above the surface, one value or one per channel.
-    surface_transmission : float
-        Transmission T through the surface, 0..1.
-    """
-    rate = np.asarray(attenuation, dtype=np.float64)
-    light = np.asarray(surface_light, dtype=np.float64)
-    return np.asarray(surface_transmission * light * transmission(rate, depth))
 
 
 def visibility_distance(attenuation: float, contrast: float) -> float:

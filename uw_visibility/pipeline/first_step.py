@@ -71,11 +71,6 @@ class CoarseEstimate:
     # direct light of the lamps over range, if they alone light the scene
     lamps: DirectLight | None = None
 
-    def whole_disparity(self) -> DisparityMap:
-        """Return `disparity` at the images' size, px."""
-        factor = self.view.shape[1] // self.disparity.shape[1]
-        return Pyramid(factor, self.view.shape).upsample_disparity(self.disparity)
-
 
 class Scale:
     """Matcher of small copies of the images, reduced by a factor; buffers preallocated."""

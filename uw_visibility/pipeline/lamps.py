@@ -48,7 +48,7 @@ class Estimators:
         self.by_daylight = self.by_lamps = None
         if self._model in ("daylight", "auto"):
             self.by_daylight = WaterEstimator(
-                config.water, self._clear_water, config.camera.transfer, assessor.daylight)
+                config.water, self._clear_water, assessor.daylight)
         if self._model != "daylight":
             self.by_lamps = LampEstimator(
                 config.water, config.lighting, self._clear_water, rig.rays_at)

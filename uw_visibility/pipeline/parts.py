@@ -14,7 +14,7 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, Image, Mask, RangeMap
-from uw_visibility.images.pair import check_size, read_only
+from uw_visibility.images.pair import check_size, check_valid, read_only
 from uw_visibility.images.view import View
 from uw_visibility.images.vignetting import FlatFieldCorrection
 from uw_visibility.pipeline.coincidence import show_one_scene
@@ -23,7 +23,6 @@ from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import StereoResult
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import DISPARITY_STDDEV, StereoRig
-from uw_visibility.water.daylight.estimation import check_arrays
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor, Visibility
 from uw_visibility.water.meaning.derived import DerivedModel, DerivedQuantities
@@ -111,7 +110,9 @@ def estimate_water(
             f"the disparities are {disparity.dtype} of shape {disparity.shape}, the image has "
             f"the shape {image.shape}: give one floating-point number per pixel, px, NaN where "
             "unknown")
-    valid = check_arrays(image, disparity, valid)
+    if image.ndim < 2 or image.shape[2:] not in ((), (1,), (3,)):
+        raise InputError(f"the image has the shape {image.shape}: give (H, W, 3) or (H, W)")
+    valid = check_valid(valid, image.shape)
     check_size("the image", image.shape)
     number = isinstance(disparity_stddev, int | float | np.number)
     if not (number and 0.0 <= disparity_stddev < math.inf):

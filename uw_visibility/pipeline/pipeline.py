@@ -173,14 +173,6 @@ class Pipeline:
                 images=images,
                 timing_ms=clock.milliseconds())
 
-    def coarse_estimate(self, left: Image, right: Image) -> CoarseEstimate:
-        """Run step 1 alone, as `process` does; raises InputError likewise."""
-        left, right = check_pair(left, right)
-        with self._lock:
-            clock = StageClock()
-            views = self._prepare(left, right, None, None, clock)
-            return self._steps_for(views.left.shape)[0].run(views, clock)
-
     def warm_up(
         self, shape: tuple[int, int], dtype: Any = np.uint8, *, grey: bool = False,
         compressed: bool = False,

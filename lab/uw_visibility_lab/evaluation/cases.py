@@ -23,14 +23,16 @@ from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, DisparityMap, Image8, Map, RangeMap
 from uw_visibility.images.view import StereoViews, View
-from uw_visibility.optics.light_model import ambient_light_at_depth, contrast_gain, radiance_of
+from uw_visibility.optics.light_model import contrast_gain, radiance_of, transmission
 from uw_visibility.optics.transfer import from_linear, to_linear
-from uw_visibility.pipeline.first_step import CoarseEstimate, Scale
+from uw_visibility.pipeline.first_step import CoarseEstimate, FirstStep, Scale
+from uw_visibility.pipeline.lamps import Estimators
 from uw_visibility.pipeline.parts import estimate_water
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import StageClock
 from uw_visibility.pipeline.second_step import SecondStep
 from uw_visibility.status import Status
+from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor
 from uw_visibility.water.observations import Envelopes
@@ -141,7 +143,7 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
     config, kappa = pipeline.config, assessor.clear_water_attenuation
     beta = kappa + case.mean_attenuation
     truth = Truth.of_water(
-        beta, ambient_light_at_depth(beta, case.depth), kappa, case.depth,
+        beta, transmission(beta, case.depth), kappa, case.depth,
         config.assessment.contrast)
     left, right = scene.degraded(
         case.mean_attenuation, case.depth, kappa, sensor_of(case.noise))
@@ -245,11 +247,14 @@ def first_enhancement(
 
     The pipeline itself needs the contrast of step 1 only; Fig. 7 of the paper shows its colours.
     """
-    config = pipeline.config
-    first = pipeline.coarse_estimate(left, right)
-    dense = first.whole_disparity()
-    restorer = Restorer(config.enhancement, config.camera.transfer, Workers(config.threads))
-    enhanced, _ = restorer.restore(left, pipeline.rig.range_from_disparity(dense), first.water)
+    config, rig = pipeline.config, pipeline.rig
+    transfer, shape, workers = config.camera.transfer, left.shape[:2], Workers(config.threads)
+    estimator = Estimators(config, Assessor(config), rig).first
+    first = FirstStep(shape, rig, config, estimator, workers).run(
+        StereoViews(View.of(left, transfer), View.of(right, transfer)), StageClock())
+    pyramid = Pyramid(shape[1] // first.disparity.shape[1], shape)
+    ranges = rig.range_from_disparity(pyramid.upsample_disparity(first.disparity))
+    enhanced, _ = Restorer(config.enhancement, transfer, workers).restore(left, ranges, first.water)
     return np.asarray(enhanced)
 
 

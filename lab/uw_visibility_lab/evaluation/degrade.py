@@ -16,7 +16,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import DisparityMap, Image8, Mask, RangeMap
 from uw_visibility.images.files import read_image
 from uw_visibility.images.overview import shown
-from uw_visibility.optics.light_model import ambient_light_at_depth, attenuate
+from uw_visibility.optics.light_model import attenuate, transmission
 from uw_visibility.stereo.interpolation import fill_gaps
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility_lab.simulation.camera import NOISELESS, Sensor
@@ -120,7 +120,7 @@ def degrade(
     mean_attenuation, clear_water_attenuation: α and κ (RGB), 1/m. depth: z, m; T·I0 is 1.
     """
     attenuation = np.asarray(clear_water_attenuation, dtype=np.float64) + mean_attenuation
-    ambient = ambient_light_at_depth(attenuation, depth)
+    ambient = transmission(attenuation, depth)
     irradiance = attenuate(radiance / np.float32(255), range_map, attenuation, ambient)
     codes = sensor.read(irradiance, np.random.default_rng(seed))
     return np.asarray(np.clip(codes + np.float32(0.5), 0, 255), dtype=np.uint8)

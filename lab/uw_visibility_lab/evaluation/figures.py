@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from uw_visibility.optics.light_model import transmission, veil_of
+from uw_visibility.optics.light_model import transmission
 from uw_visibility.optics.transfer import from_linear
 from uw_visibility_lab.evaluation.cases import IMAGES, MATCHES, CaseResult, Pictures
 from uw_visibility_lab.evaluation.degrade import title_of
@@ -307,7 +307,7 @@ def draw_bins(path: Path, case: CaseResult) -> None:
             # Irradiance of a black patch (eq. 6), and open water.
             beta, ambient = water.attenuation[channel], water.ambient_light[channel]
             axes.plot(
-                distance, veil_of(ambient, transmission(beta, distance)), style, color=colour,
+                distance, ambient * (1.0 - transmission(beta, distance)), style, color=colour,
                 linewidth=1.8, label=f"{label}: {CURVES}")
             axes.axhline(ambient, linestyle=style, color=colour, linewidth=1.8)
         axes.set_xlim(0.95 * low, 1.02 * high)

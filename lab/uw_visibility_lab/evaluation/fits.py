@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
 from uw_visibility.images.arrays import Array, Map
-from uw_visibility.optics.light_model import transmission, veil_of
+from uw_visibility.optics.light_model import transmission
 from uw_visibility.optics.transfer import to_linear
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate, overall_status
@@ -127,7 +127,7 @@ def _bins(
 def _fit_veil(distance: Array, dark: Array, bright: Array, start: float) -> OptimizeResult:
     """Fit β and I∞ of a channel with a soft L1 loss."""
     def residual(p: Array) -> Array:
-        return np.asarray(veil_of(p[1], transmission(p[0], distance)) - dark)
+        return np.asarray(p[1] * (1.0 - transmission(p[0], distance)) - dark)
 
     lower = np.array([BOUNDS[0], np.sort(bright)[-min(BRIGHT_BINS, len(bright))]])
     upper = np.array([BOUNDS[1], LARGEST_LIGHT])
@@ -139,7 +139,7 @@ def _fit_veil(distance: Array, dark: Array, bright: Array, start: float) -> Opti
 def _fit_backscatter(distance: Array, light: Array) -> OptimizeResult:
     """Fit B, β, J and β' of a channel."""
     def residual(p: Array) -> Array:
-        veil = veil_of(p[0], transmission(p[1], distance))
+        veil = p[0] * (1.0 - transmission(p[1], distance))
         return np.asarray(veil + p[2] * transmission(p[3], distance) - light)
 
     middle = float(np.median(distance))

@@ -120,8 +120,9 @@ class OnBoard:
     def __call__(self, case: Case) -> Answer:
         """Estimate the water of a case."""
         estimator = WaterEstimator(
-            self._config, case.clear_water, case.transfer, self._daylight, self._network)
-        found = estimator.estimate(case.image, case.ranges, range_error=case.range_error)
+            self._config, case.clear_water, self._daylight, self._network)
+        found = estimator.estimate_view(
+            View.of(case.image, case.transfer), case.ranges, range_error=case.range_error)
         return answer_of(found)
 
 

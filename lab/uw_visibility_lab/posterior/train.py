@@ -32,7 +32,6 @@ from uw_visibility.water.daylight.network import (
     Network,
     features_of,
     of_arrays,
-    quantised,
     standardise,
 )
 from uw_visibility.water.daylight.statistics import Statistics
@@ -175,6 +174,12 @@ def train(
         arrays[f"{seed}_{len(net.parts) - 1}_bias"][1] += (
             logit(bounds("lamps.share")[0]) - logit(flags[~held, 1].mean()))
     return arrays | {"limits": limits(of_arrays(arrays), examples)}
+
+
+def quantised(weights: NDArray[np.float32]) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
+    """Weights (N, M) in 8 bit, with the scale (M,) of each output."""
+    scale = np.maximum(np.abs(weights).max(axis=0), 1e-12) / np.float32(127.0)
+    return np.rint(weights / scale).astype(np.int8), scale.astype(np.float32)
 
 
 def standardised_features(

@@ -37,7 +37,7 @@ def form_image(view: View, water: Water) -> Map:
     seen = 1.0 + effects.veil_gradient * (0.5 - (view.pixel // columns + 0.5) / rows)
     direct, veil = (view.image(part.astype(np.float32)) for part in (
         water.scene_light() * lit[:, np.newaxis] * view.radiance * transmission,
-        light_model.veil_of(water.ambient_light() * seen[:, np.newaxis], unveiled)))
+        water.ambient_light() * seen[:, np.newaxis] * (1.0 - unveiled)))
     if effects.blur > 0.0:
         direct = blur_by_range(direct, view.range, effects.blur)
     return direct + veil

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.images.arrays import Array
-from uw_visibility.optics.light_model import ambient_light_at_depth
+from uw_visibility.optics.light_model import transmission
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.optics.water_type import (
     BACKSCATTERED,
@@ -207,7 +207,7 @@ class Water:
         """Return W, the light on the scene at the camera's depth, as irradiance in the image."""
         bands = self.bands()
         light = (
-            ambient_light_at_depth(self.attenuation(), self.depth) if bands is None
+            transmission(self.attenuation(), self.depth) if bands is None
             else bands.light)
         brightest = (light * np.maximum(self.effects.veil, 1.0)).max()
         gain = EXPOSED / brightest if self.exposure is None else self.exposure

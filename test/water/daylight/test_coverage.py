@@ -83,7 +83,9 @@ def estimates(
     """Estimate the water of each draw."""
     estimator = WaterEstimator(WaterConfig(veil=model), KAPPA, daylight=ASSESSOR.daylight)
     draws = [draw(seed, ratio, open_water) for seed in range(DRAWS)]
-    return [(one, estimator.estimate(one.image, one.range, range_error=0.0)) for one in draws]
+    return [
+        (one, estimator.estimate_view(View.of(one.image), one.range, range_error=0.0))
+        for one in draws]
 
 
 def scores(found: list[tuple[Draw, WaterEstimate]]) -> np.ndarray:
@@ -161,9 +163,10 @@ class TestRefusalsOfThePosterior:
         ("most_unlike", Status.UNLIKE_TRAINING), ("most_misfit", Status.NOT_ONE_WATER)])
     def test_beyond_its_limits_it_tells_nothing(self, limit, reason):
         one = draw(1)
-        ok = self.estimator().estimate(one.image, one.range, range_error=0.0)
+        ok = self.estimator().estimate_view(View.of(one.image), one.range, range_error=0.0)
         assert ok.status is Status.OK
-        refused = self.estimator(**{limit: 0.0}).estimate(one.image, one.range, range_error=0.0)
+        refused = self.estimator(**{limit: 0.0}).estimate_view(
+            View.of(one.image), one.range, range_error=0.0)
         assert refused.status is reason
         assert np.isnan(refused.attenuation).all()
 
@@ -198,14 +201,14 @@ class TestRefusalsOfThePosterior:
             (one.image, np.full_like(one.range, 3.0), Status.RANGE_SPREAD_TOO_SMALL),
             (one.image, np.full_like(one.range, np.nan), Status.TOO_FEW_OBSERVATIONS),
         ):
-            found = self.estimator().estimate(image, ranges, range_error=0.0)
+            found = self.estimator().estimate_view(View.of(image), ranges, range_error=0.0)
             assert found.status is reason
 
     def test_water_without_red_is_told_by_green_and_blue(self):
         one = draw(1)
         image = one.image.copy()
         image[..., 0] = 0
-        found = self.estimator().estimate(image, one.range, range_error=0.0)
+        found = self.estimator().estimate_view(View.of(image), one.range, range_error=0.0)
         assert found.status is Status.OK and np.isnan(found.attenuation[0])
         error = np.log(found.attenuation / one.attenuation)[1:]
         assert (np.abs(error) < 3.0 * (found.attenuation_stddev / found.attenuation)[1:]).all()
@@ -228,7 +231,7 @@ class TestRefusalsOfThePosterior:
             mean = np.tile([0.0, -0.5, -0.5], 3)
             estimator = WaterEstimator(
                 WaterConfig(), KAPPA, network=SaysAlways(mean, covariance))
-            found.append(estimator.estimate(image, one.range, range_error=0.0))
+            found.append(estimator.estimate_view(View.of(image), one.range, range_error=0.0))
         np.testing.assert_allclose(found[1].light[1:], found[0].light[1:])
         np.testing.assert_allclose(
             found[1].light_covariance[1:, 1:], found[0].light_covariance[1:, 1:])
@@ -248,8 +251,8 @@ class SaysAlways:
 
 def estimate(image: np.ndarray, distance: np.ndarray, transfer: str = "linear") -> WaterEstimate:
     """Estimate as the node does."""
-    estimator = WaterEstimator(WaterConfig(), KAPPA, transfer, ASSESSOR.daylight)
-    return estimator.estimate(image, distance, range_error=0.0)
+    estimator = WaterEstimator(WaterConfig(), KAPPA, ASSESSOR.daylight)
+    return estimator.estimate_view(View.of(image, transfer), distance, range_error=0.0)
 
 
 def log_score(found: WaterEstimate, truth: np.ndarray) -> np.ndarray:

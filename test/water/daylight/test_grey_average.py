@@ -12,6 +12,7 @@ import pytest
 from scenes import in_water, texture
 
 from uw_visibility import PipelineConfig
+from uw_visibility.images.view import View
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.daylight.grey_average import ColourBalance, GreyFrames, colour_balance
@@ -55,7 +56,7 @@ def test_water_takes_red_unless_the_camera_gives_it_back():
     mean = raw.mean(axis=(0, 1))
     balanced = np.clip(np.round(raw * (100.0 / mean)), 0, 255).astype(np.uint8)
     estimator = WaterEstimator(PipelineConfig().water, np.array([0.3, 0.06, 0.03]))
-    found = [estimator.estimate(i, ranges, range_error=0.0) for i in (raw, balanced)]
+    found = [estimator.estimate_view(View.of(i), ranges, range_error=0.0) for i in (raw, balanced)]
     assert [estimate.grey_on_average for estimate in found] == [False, True]
     # Attenuation is a ratio within a channel: the balance leaves it.
     for estimate in found:

@@ -11,6 +11,7 @@ import pytest
 from lamp_scene import CLEAR_WATER, SIZE, ground, render, texture
 
 from uw_visibility.config.schema import WaterConfig
+from uw_visibility.images.view import View
 from uw_visibility.optics.light_model import attenuate
 from uw_visibility.status import Status
 from uw_visibility.water.daylight import estimation
@@ -24,7 +25,7 @@ def estimator() -> WaterEstimator:
 @pytest.mark.parametrize("alpha", [0.05, 0.15, 0.3])
 def test_a_night_frame_says_what_to_set(alpha: float) -> None:
     shown = render(alpha, seed=1)
-    found = estimator().estimate(shown.image, shown.range, range_error=0.0)
+    found = estimator().estimate_view(View.of(shown.image), shown.range, range_error=0.0)
     assert found.status is Status.LIT_BY_LAMPS
     assert "set lighting.model" in str(found.status)
     assert not np.isfinite(found.attenuation).any()
@@ -43,7 +44,7 @@ def test_light_that_is_not_certain_tells_no_water(
     infer = estimation.infer
     monkeypatch.setattr(
         estimation, "infer", lambda *told: replace(infer(*told), lamps=probability))
-    found = estimator().estimate(image, distance, range_error=0.0)
+    found = estimator().estimate_view(View.of(image), distance, range_error=0.0)
     assert found.status is status
     assert np.isfinite(found.attenuation).any() == (status is Status.OK)
 
@@ -56,7 +57,7 @@ def test_daylight_is_not_taken_for_lamps(alpha: float, veil: float) -> None:
         image = attenuate(
             texture(seed, distance), distance, CLEAR_WATER + alpha, np.full(3, 0.8 * veil),
             np.full(3, 0.8))
-        found = estimator().estimate(image, distance, range_error=0.0)
+        found = estimator().estimate_view(View.of(image), distance, range_error=0.0)
         assert found.status not in (Status.LIT_BY_LAMPS, Status.LIGHT_UNCERTAIN)
 
 
@@ -75,7 +76,8 @@ def test_a_white_board_before_dull_ground_is_not_taken_for_lamps(near: float, ve
             board[..., np.newaxis], squares[..., np.newaxis], 0.15 * texture(seed, distance))
         image = attenuate(
             radiance, distance, CLEAR_WATER + 0.05, np.full(3, 0.9 * veil), np.full(3, 0.9))
-        found = estimator().estimate(image, distance.astype(np.float32), range_error=0.0)
+        found = estimator().estimate_view(
+            View.of(image), distance.astype(np.float32), range_error=0.0)
         assert found.status is not Status.LIT_BY_LAMPS
 
 
@@ -98,6 +100,7 @@ def test_light_that_falls_on_board_and_ground_as_lamps_have_it_is_taken_for_lamp
         image = attenuate(
             radiance * shade[..., np.newaxis], distance.astype(np.float32), CLEAR_WATER + 0.02,
             np.full(3, 0.05), np.full(3, 0.9))
-        found = estimator().estimate(image, distance.astype(np.float32), range_error=0.0)
+        found = estimator().estimate_view(
+            View.of(image), distance.astype(np.float32), range_error=0.0)
         lamps.append(found.status is Status.LIT_BY_LAMPS)
     assert sum(lamps) >= 2

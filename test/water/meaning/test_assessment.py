@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from uw_visibility.config.schema import AssessmentConfig, CameraConfig, PipelineConfig
-from uw_visibility.optics.light_model import ambient_light_at_depth, visibility_distance
+from uw_visibility.optics.light_model import transmission, visibility_distance
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor
@@ -33,7 +33,7 @@ def estimate(attenuation, ambient_light, covariance=None):
 @settings(deadline=None)
 def test_the_model_water_is_assessed_exactly(alpha, depth, light):
     beta = KAPPA + alpha
-    ambient = ambient_light_at_depth(beta, depth, light)
+    ambient = light * transmission(beta, depth)
     seen = ASSESSOR.assess(estimate(beta, ambient, np.zeros((6, 6))))
     assert seen.status is Status.OK
     assert seen.depth_status is Status.OK
@@ -57,7 +57,7 @@ def test_contrast_is_a_parameter():
 def test_the_white_reference_is_divided_out():
     white = (2.0, 1.0, 1.4)
     assessor = Assessor(PipelineConfig(camera=CameraConfig(white_reference=white)))
-    ambient = np.array(white) * ambient_light_at_depth(KAPPA + 0.2, 4.0)
+    ambient = np.array(white) * transmission(KAPPA + 0.2, 4.0)
     assert assessor.assess(estimate(KAPPA + 0.2, ambient)).depth == pytest.approx(4)
     assert abs(ASSESSOR.assess(estimate(KAPPA + 0.2, ambient)).depth - 4) > 0.5
 
@@ -65,7 +65,7 @@ def test_the_white_reference_is_divided_out():
 def test_depth_ends_at_the_surface_and_at_the_largest_depth():
     assert ASSESSOR.assess(estimate(KAPPA, [1.0, 0.5, 0.5])).depth == 0
     shallow = Assessor(PipelineConfig(assessment=AssessmentConfig(max_depth=5.0)))
-    ambient = ambient_light_at_depth(KAPPA, 20.0)
+    ambient = transmission(KAPPA, 20.0)
     narrow = np.diag([1e-4, 1e-8] * 3)
     assert shallow.assess(estimate(KAPPA, ambient, narrow)).depth == 5
 
@@ -74,7 +74,7 @@ def test_depth_ends_at_the_surface_and_at_the_largest_depth():
 def test_standard_deviations_are_those_of_samples(depth):
     rng = np.random.default_rng(0)
     beta = KAPPA + 0.15
-    ambient = ambient_light_at_depth(beta, depth)
+    ambient = transmission(beta, depth)
     root = 1e-3 * np.diag(np.stack((beta, ambient), axis=1).ravel()) @ (
         np.eye(6) + 0.4 * rng.standard_normal((6, 6)))
     joint = root @ root.T

@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uw_visibility.config.schema import PipelineConfig, SurveyConfig, WaterConfig
-from uw_visibility.optics.light_model import ambient_light_at_depth
+from uw_visibility.images.view import View
+from uw_visibility.optics.light_model import transmission
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
 from uw_visibility.water.estimate import WaterEstimate
@@ -66,7 +67,7 @@ def survey_frames(seed, mean_attenuation, *, frames=60, amplitude=0.3, exposure=
         distance = altitude + cv2.resize(relief[part], (WIDTH, HEIGHT))
         alpha = mean_attenuation if water is None else water(k)
         attenuation = KAPPA + alpha
-        light = ambient_light_at_depth(attenuation, 3.0)
+        light = transmission(attenuation, 3.0)
         if sinking:
             light = light * np.exp(-attenuation * (2.0 - altitude))
         left = np.exp(-attenuation * distance[..., np.newaxis])
@@ -81,7 +82,7 @@ def survey_frames(seed, mean_attenuation, *, frames=60, amplitude=0.3, exposure=
 def observed(frames, model="paper"):
     """What the estimator says of each frame alone."""
     return [
-        (stamp, ESTIMATORS[model].estimate(image, distance, range_error=RANGE_ERROR))
+        (stamp, ESTIMATORS[model].estimate_view(View.of(image), distance, range_error=RANGE_ERROR))
         for stamp, image, distance in frames]
 
 
@@ -207,7 +208,7 @@ def test_an_estimate_is_made_once_in_a_second_of_the_stamps():
     first = survey.estimate()
     _, image, distance = next(survey_frames(0, 0.3))
     image = image // 2
-    dim = ESTIMATOR.estimate(image, distance, range_error=RANGE_ERROR)
+    dim = ESTIMATOR.estimate_view(View.of(image), distance, range_error=RANGE_ERROR)
     survey.add(dim, 29.5)
     second = survey.estimate()
     np.testing.assert_array_equal(second.water.attenuation, first.water.attenuation)

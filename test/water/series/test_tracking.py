@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from uw_visibility.config.schema import PipelineConfig, TrackingConfig
 from uw_visibility.errors import InputError
-from uw_visibility.optics.light_model import ambient_light_at_depth, visibility_distance
+from uw_visibility.optics.light_model import transmission, visibility_distance
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor
@@ -21,7 +21,7 @@ from uw_visibility.water.series.tracking import TrackingEvent, WaterTracker
 ASSESSOR = Assessor(PipelineConfig())
 KAPPA = ASSESSOR.clear_water_attenuation
 BETA = KAPPA + 0.15
-LIGHT = ambient_light_at_depth(BETA, 4.0)
+LIGHT = transmission(BETA, 4.0)
 PERIOD = 0.2
 
 
@@ -254,7 +254,7 @@ def test_a_large_step_restarts_from_the_frames_that_agree():
 def water_at(mean_attenuation, depth):
     """β and I∞ of water of a given α at a given depth."""
     attenuation = KAPPA + mean_attenuation
-    return attenuation, ambient_light_at_depth(attenuation, depth)
+    return attenuation, transmission(attenuation, depth)
 
 
 def behind(out, attenuation):

@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
-from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -16,12 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import logit
 
 from uw_visibility.config.schema import WaterConfig
-from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, Mask
-from uw_visibility.images.pair import check_valid
 from uw_visibility.images.view import ColourSamples, View
 from uw_visibility.optics.light_model import contrast_gain, radiance_of
-from uw_visibility.optics.transfer import from_linear
 from uw_visibility.status import Status
 from uw_visibility.water.blocks import (
     BLOCKS_KEPT,
@@ -80,8 +76,6 @@ class WaterEstimator:
     config : WaterConfig
     clear_water_attenuation : (3,) array_like
         κ of the camera, 1/m.
-    transfer : str
-        Camera transfer function, ``"linear"`` or ``"srgb"``.
     daylight : Daylight, optional
         Prior of the colour of the ambient light, with one light for veil and scene.
     network : Network, optional
@@ -89,50 +83,30 @@ class WaterEstimator:
     """
 
     def __init__(
-        self, config: WaterConfig, clear_water_attenuation: ArrayLike, transfer: str = "linear",
+        self, config: WaterConfig, clear_water_attenuation: ArrayLike,
         daylight: Daylight | None = None, network: Network | None = None,
     ) -> None:
         self._config = config
         self._clear_water = np.array(clear_water_attenuation, dtype=np.float64)
-        self._transfer = transfer
         self._daylight = daylight
         self._network = network
         # For views in use: both steps of the pipeline read the same one.
         self._pictures: WeakKeyDictionary[View, _Picture] = WeakKeyDictionary()
 
-    def estimate(
-        self, image: NDArray[Any], range_map: NDArray[np.floating], valid: Mask | None = None, *,
-        range_error: float,
-    ) -> WaterEstimate:
-        """Estimate attenuation and ambient light from plain arrays.
-
-        Parameters
-        ----------
-        image : (H, W, 3) ndarray of uint8, uint16 or float32
-            RGB code values; float32 is linear irradiance 0..1. A (H, W) image
-            has no colour and is not assessable.
-        range_map : (H, W) ndarray of float
-            Range along the line of sight, m; NaN where unknown.
-        valid : (H, W) bool ndarray, optional
-            Valid pixels.
-        range_error : float
-            Standard deviation of range over its square, 1/m, see `StereoRig.range_error`; 0 for
-            exact ranges. Measured ranges that are passed as exact bias the attenuation.
-
-        Raises
-        ------
-        InputError
-            If shapes or types do not fit.
-        """
-        valid = check_arrays(image, range_map, valid)
-        image = image[..., 0] if image.shape[2:] == (1,) else image
-        view = View.of(*_codes(image, self._transfer), valid)
-        return self.estimate_view(view, range_map, range_error=range_error)
-
     def estimate_view(
         self, view: View, range_map: NDArray[np.floating], *, range_error: float
     ) -> WaterEstimate:
-        """Estimate from a view, whose noise is known; see `estimate`."""
+        """Estimate attenuation, veil and light.
+
+        Parameters
+        ----------
+        view : View
+        range_map : (H, W) ndarray of float
+            Range along the line of sight, m; NaN where unknown.
+        range_error : float
+            Standard deviation of range over its square, 1/m, see `StereoRig.range_error`; 0 for
+            exact ranges. Measured ranges that are passed as exact bias the attenuation.
+        """
         colour = view.colour
         if colour is None:
             return WaterEstimate.not_assessable(Status.NO_COLOUR)
@@ -288,24 +262,3 @@ def _light(posterior: Posterior, envelope: Envelopes, known: Mask) -> tuple[Arra
     fused[~known] = np.nan
     rest = covariance - weight @ covariance
     return fused, np.where(np.outer(known, known), 0.5 * (rest + rest.T), np.nan)
-
-
-def check_arrays(
-    image: NDArray[Any], range_map: NDArray[np.floating], valid: Mask | None
-) -> Mask | None:
-    if image.dtype not in (np.uint8, np.uint16, np.float32):
-        raise InputError(f"the image is of type {image.dtype}: give uint8, uint16 or float32")
-    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3)):
-        raise InputError(f"the image has the shape {image.shape}: give (H, W, 3) or (H, W)")
-    if range_map.shape != image.shape[:2]:
-        raise InputError(
-            f"the range map has the shape {range_map.shape}, the image {image.shape[:2]}: "
-            "give one range per pixel")
-    return check_valid(valid, image.shape)
-
-
-def _codes(image: NDArray[Any], transfer: str) -> tuple[NDArray[Any], str]:
-    """Return contiguous code values and their transfer; irradiance becomes 16-bit codes."""
-    if image.dtype != np.float32:
-        return np.ascontiguousarray(image), transfer
-    return from_linear(image, "linear", np.uint16), "linear"

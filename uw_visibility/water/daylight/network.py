@@ -210,12 +210,6 @@ def load(path: Path) -> Network:
     return network
 
 
-def quantised(weights: NDArray[np.float32]) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
-    """Weights (N, M) in 8 bit, with the scale (M,) of each output."""
-    scale = np.maximum(np.abs(weights).max(axis=0), 1e-12) / np.float32(127.0)
-    return np.rint(weights / scale).astype(np.int8), scale.astype(np.float32)
-
-
 def of_arrays(data: Mapping[str, NDArray[Any]]) -> Network:
     """Networks from the arrays of training; without limits they are infinite."""
     layers = tuple(

@@ -122,7 +122,7 @@ class LampEstimator:
     def estimate_view(
         self, view: View, range_map: NDArray[np.floating], *, range_error: float = 0.0
     ) -> WaterEstimate:
-        """Estimate attenuation and scattering from a view; see `WaterEstimator.estimate`.
+        """Estimate attenuation and scattering from a view; see `WaterEstimator.estimate_view`.
 
         `range_error` is ignored.
         `ambient_light` of the result is that of the water at infinity in the image's middle.

@@ -129,8 +129,8 @@ class WaterFilter:
         if self._by_lamps:
             self._survey = LampSurvey(config.survey, config.lighting, clear_water)
         else:
-            self._survey = Survey(config.survey, WaterEstimator(
-                config.water, clear_water, config.camera.transfer, self._assessor.daylight))
+            self._survey = Survey(
+                config.survey, WaterEstimator(config.water, clear_water, self._assessor.daylight))
         self._grey = GreyFrames()
         self._transfer, self._lit = Vote(), Vote()
         self.known: KnownWater | None = None
