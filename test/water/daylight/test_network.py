@@ -109,10 +109,9 @@ def save(path: Path, found: Network, **changed: object) -> Path:
         "limits": np.array((9.0, 9.0)), "provenance": np.array("a test")}
     for i, layers in enumerate(found.layers):
         for j in range(LAYERS):
-            scale = np.float32(np.abs(layers[2 * j]).max() / 127.0)
-            arrays |= {
-                f"{i}_{j}_weights": np.rint(layers[2 * j] / scale).astype(np.int8),
-                f"{i}_{j}_scale": scale, f"{i}_{j}_bias": layers[2 * j + 1]}
+            scale = np.float32(0.5) + np.arange(layers[2 * j].shape[1], dtype=np.float32)
+            arrays |= {f"{i}_{j}_weights": layers[2 * j] / scale, f"{i}_{j}_scale": scale,
+                       f"{i}_{j}_bias": layers[2 * j + 1]}
     np.savez(path, **(arrays | changed))  # type: ignore[arg-type]
     return path
 
