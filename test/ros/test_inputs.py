@@ -18,6 +18,7 @@ from builtin_interfaces.msg import Time
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
 
@@ -224,3 +225,28 @@ def test_simulated_time_without_a_clock_is_told(make_world: Callable[..., World]
     world.until(lambda: clock.get_subscription_count() == 1)
     clock.publish(Clock(clock=Time(sec=100)))
     world.until(lambda: world.said().level == OK)
+
+
+def test_camera_info_that_was_sent_before_and_kept_is_received(
+    make_world: Callable[..., World]
+) -> None:
+    world = make_world()
+    world.input.rest(True)
+    infos = [f"{side}/camera_info" for side in SIDES]
+
+    def received(kept: bool, before: int) -> bool:
+        world.input.update_qos()
+        for topic in [] if kept else infos:
+            world.publishers[topic].publish(CameraInfo())
+        return world.count("left info received", "right info received") >= before + 2
+
+    for durability in (DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.VOLATILE):
+        before = world.count("left info received", "right info received")
+        for topic in infos:
+            world.node.destroy_publisher(world.publishers[topic])
+            profile = QoSProfile(depth=1, durability=durability)
+            world.publishers[topic] = world.node.create_publisher(CameraInfo, topic, profile)
+            world.publishers[topic].publish(CameraInfo())
+        world.input.rest(False)
+        kept = durability is DurabilityPolicy.TRANSIENT_LOCAL
+        world.until(lambda kept=kept, before=before: received(kept, before))

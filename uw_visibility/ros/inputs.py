@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from uw_visibility.messages.frames import StereoFrame
@@ -31,6 +32,9 @@ RECENT_DROPS = RECENT_PAIRS = 10
 # Number of stamps that are remembered, relative to `queue_size`: of a camera that is later than
 # the queue is long, the stamps are to be found.
 REMEMBERED_QUEUES = 10
+# Durability and reliability of a publisher whose last message late subscribers receive.
+KEPT = DurabilityPolicy.TRANSIENT_LOCAL, ReliabilityPolicy.RELIABLE
+NOT_KEPT = DurabilityPolicy.VOLATILE, ReliabilityPolicy.BEST_EFFORT
 RESTING = "at rest (lazy): nobody subscribes to a result"
 NO_CLOCK = "use_sim_time is true, but nothing arrives on /clock: start what publishes it"
 # Largest value of synchronization.tolerance, s.
@@ -82,6 +86,8 @@ class StereoInput:
         # Images lost by the middleware, of destroyed subscriptions.
         self._lost = 0
         self._infos: dict[str, Any] = {}
+        # Those that are sent once, and kept by their publishers.
+        self._kept: set[str] = set()
 
     def destroy(self) -> None:
         while self._images:
@@ -109,9 +115,16 @@ class StereoInput:
         self._arrivals["frame"] = time.monotonic()
 
     def update_qos(self) -> None:
-        """Adapt the QoS of the images to their publishers; called by a timer."""
+        """Adapt the QoS of images and CameraInfo to their publishers; called by a timer."""
         for image in self._images.values():
             image.update_qos()
+        for info, present in list(self._infos.items()):
+            found = qos.offered(self._node, present.topic_name, CameraInfo)
+            kept = all((each.durability, each.reliability) == KEPT for each in found)
+            if found and kept != (info in self._kept):
+                self._kept ^= {info}
+                self._node.destroy_subscription(present)
+                self._subscribe_to_info(info)
 
     def end_wait(self) -> None:
         """Release a pair whose CameraInfo does not arrive; called by a timer."""
@@ -219,7 +232,7 @@ class StereoInput:
         """Subscribe to images and CameraInfo."""
         compressed = self._parameters.settings.node.image_transport == "compressed"
         for side in SIDES:
-            image, info = f"{side}/image_rect", f"{side}/camera_info"
+            image = f"{side}/image_rect"
             topic, kind = image, Image
             if compressed:
                 # As in image_transport, remapping applies to the name of the raw image.
@@ -229,11 +242,17 @@ class StereoInput:
                 self._node, kind, topic, functools.partial(self._on_image, side, image),
                 qos.IMAGE_DEPTH,
             )
-            # Best effort: CameraInfo fits into one packet, and the next one replaces a lost one.
-            # A reliable subscription would hold back all messages behind a lost one.
-            self._infos[info] = qos.subscribe_to(
-                self._node, CameraInfo, info, functools.partial(self._on_info, side, info)
-            )
+            self._subscribe_to_info(f"{side}/camera_info")
+
+    def _subscribe_to_info(self, topic: str) -> None:
+        # Best effort: CameraInfo fits into one packet, and the next one replaces a lost one.
+        # A reliable subscription would hold back all messages behind a lost one, but only such a
+        # one receives what was sent before, and kept.
+        durability, reliability = KEPT if topic in self._kept else NOT_KEPT
+        self._infos[topic] = qos.subscribe_to(
+            self._node, CameraInfo, topic, functools.partial(self._on_info, topic),
+            durability=durability, reliability=reliability,
+        )
 
     def _on_image(self, side: str, topic: str, message: Any) -> None:
         self._note(topic)
@@ -264,8 +283,9 @@ class StereoInput:
             self._arrivals["frame"] = now
         self._arrivals[topic] = now
 
-    def _on_info(self, side: str, topic: str, message: CameraInfo) -> None:
+    def _on_info(self, topic: str, message: CameraInfo) -> None:
         self._note(topic)
+        side = topic.split("/")[0]
         stamp = stamp_to_nanoseconds(message.header.stamp)
         self._hand_on(self.synchronizer.add_info(side, stamp, message))
 

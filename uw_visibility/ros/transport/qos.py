@@ -52,26 +52,33 @@ def publish_on(node: Node, kind: type, topic: str) -> Any:
 
 def subscribe_to(
     node: Node, kind: type, topic: str, callback: Callable[[Any], None],
-    available: ReliabilityPolicy | None = None,
     depth: int = INPUT_DEPTH,
+    **adapted: Any,
 ) -> Any:
     """Create a subscription for sensor data.
 
-    available: best reliability that the publishers allow; None for best effort. A reliability in
-        ``qos_overrides`` takes precedence.
     depth: depth of the queue, unless ``qos_overrides`` sets it.
+    **adapted: reliability or durability that the publishers allow; those in ``qos_overrides`` take
+        precedence.
     """
     # rclpy writes overrides into the profile.
     qos = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
-    if available is not None:
-        qos.reliability = ReliabilityPolicy.BEST_AVAILABLE
+    for name, policy in adapted.items():
+        setattr(qos, name, type(policy).BEST_AVAILABLE)
 
     def settle(overridden: QoSProfile) -> SetParametersResult:
-        if available is not None and overridden.reliability is ReliabilityPolicy.BEST_AVAILABLE:
-            overridden.reliability = available
+        for name, policy in adapted.items():
+            if getattr(overridden, name) is type(policy).BEST_AVAILABLE:
+                setattr(overridden, name, policy)
         return SetParametersResult(successful=True)
 
     return _with_overrides(node.create_subscription, kind, topic, callback, qos, settle=settle)
+
+
+def offered(node: Node, topic: str, kind: type) -> list[QoSProfile]:
+    """Return the QoS of a topic's publishers of a type; from others nothing arrives."""
+    publishers = node.get_publishers_info_by_topic(topic)
+    return [info.qos_profile for info in publishers if info.topic_type == type_name(kind)]
 
 
 def describe_publishers(node: Node, subscription: Any, remedy: str = "remap the topic") -> str:
@@ -163,19 +170,14 @@ class AdaptiveReliabilitySubscription:
         """Adapt the reliability to the publishers; called by a timer."""
         if not self._adaptive:
             return
-        offered = {
-            info.qos_profile.reliability
-            for info in self._node.get_publishers_info_by_topic(self._topic)
-            # Nothing arrives from others, whatever they offer.
-            if info.topic_type == type_name(self._kind)
-        }
+        found = {qos.reliability for qos in offered(self._node, self._topic, self._kind)}
         best = ReliabilityPolicy.BEST_EFFORT
-        if offered == {ReliabilityPolicy.RELIABLE}:
+        if found == {ReliabilityPolicy.RELIABLE}:
             best = ReliabilityPolicy.RELIABLE
         newest = max(self._subscriptions)
         if self._subscriptions[newest].qos_profile.reliability is not best:
             self._subscribe(best)
-        elif not offered or self._subscriptions[newest].get_publisher_count() > 0:
+        elif not found or self._subscriptions[newest].get_publisher_count() > 0:
             # It had the time since the last call to connect, and messages may be rare.
             self._take_over(newest)
 
@@ -199,7 +201,7 @@ class AdaptiveReliabilitySubscription:
         self._made += 1
         self._subscriptions[self._made] = subscribe_to(
             self._node, self._kind, self._topic,
-            functools.partial(self._deliver, self._made), reliability, self._depth,
+            functools.partial(self._deliver, self._made), self._depth, reliability=reliability,
         )
 
     def _take_over(self, number: int) -> None:
