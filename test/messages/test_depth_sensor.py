@@ -64,16 +64,21 @@ def test_pressure() -> None:
     assert read(message, "FluidPressure").variance == pytest.approx(0.01)
 
 
-@pytest.mark.parametrize("millibar", [1013.25, 1500.0, 21000.0])
-def test_millibar_is_noticed(millibar: float) -> None:
-    message = SimpleNamespace(header=HEADER, fluid_pressure=millibar, variance=0.0)
-    with pytest.raises(InputError, match=r"looks like mbar: publish pascals"):
+# The last ones are of a gauge in air, and of a sensor that is broken.
+@pytest.mark.parametrize("value", [1013.25, 1500.0, 21000.0, -20.0, 0.0])
+def test_pressure_less_than_that_of_air_is_refused(value: float) -> None:
+    message = SimpleNamespace(header=HEADER, fluid_pressure=value, variance=0.0)
+    with pytest.raises(InputError, match=r"publish pascals, not mbar"):
         read(message, "FluidPressure")
 
 
-def test_gauge_has_small_pressures() -> None:
-    message = SimpleNamespace(header=HEADER, fluid_pressure=1005.18, variance=0.0)
-    assert read(message, "FluidPressure", surface_pressure=0.0).depth == pytest.approx(0.1, 1e-4)
+@pytest.mark.parametrize("offset", [0.0, 500.0])
+def test_gauge_has_small_pressures(offset: float) -> None:
+    for depth in (0.1, -0.1):
+        pressure = offset + depth * 10051.8
+        message = SimpleNamespace(header=HEADER, fluid_pressure=pressure, variance=0.0)
+        assert read(message, "FluidPressure", surface_pressure=offset).depth == pytest.approx(
+            depth, 1e-4)
 
 
 def test_offset_lies_between_sensor_and_camera() -> None:

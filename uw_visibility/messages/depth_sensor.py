@@ -23,9 +23,9 @@ SENSOR_TYPES = {
 }
 """Type of message by ``plausibility.sensor_type``."""
 
-# Smallest pressure that counts as one in Pa, as a part of the air's. In water it is 1 at least; in
-# millibar the number is a hundredth, even at 200 m of depth a fifth of the air's in Pa.
-MILLIBAR_RATIO = 0.3
+# Least pressure of a sensor that measures the air's at the surface, Pa: on the highest lakes it is
+# 5e4, and in millibar the number is smaller even at 200 m of depth.
+LEAST_PRESSURE = 3e4
 
 # Drivers write variances of this size if z is not measured.
 UNMEASURED_VARIANCE = 1e6
@@ -73,11 +73,10 @@ def _value(message: Any, config: PlausibilityConfig) -> tuple[float, float]:
     """Return a message's depth or height in m, and the variance that it states."""
     if config.sensor_type == "FluidPressure":
         pressure = float(message.fluid_pressure)
-        if 0.0 < pressure < MILLIBAR_RATIO * config.surface_pressure:
+        if pressure < LEAST_PRESSURE <= config.surface_pressure:
             raise InputError(
-                f"depth_sensor says {pressure:g} Pa, less than the pressure of air, which looks "
-                "like mbar: publish pascals, or set plausibility.surface_pressure to 0 for gauge "
-                "pressure"
+                f"depth_sensor says {pressure:g} Pa, less than the pressure of air: publish "
+                "pascals, not mbar, or set plausibility.surface_pressure to 0 for gauge pressure"
             )
         depth = (pressure - config.surface_pressure) / (config.density * STANDARD_GRAVITY)
         return depth, float(message.variance)
