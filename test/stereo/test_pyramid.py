@@ -76,6 +76,16 @@ def test_two_surfaces_are_not_mixed_and_nothing_is_made_up() -> None:
     assert (full[:80, :120] == 10.0).all()
 
 
+def test_confidence_stays_with_its_disparity_where_squares_are_incomplete() -> None:
+    pyramid = Pyramid(4, (483, 643))
+    # Neighbours are equal or on two surfaces, so that each pixel has its square's disparity.
+    small = 2.0 * np.random.default_rng(0).integers(2, 10, pyramid.small).astype(np.float32)
+    small[small < 8.0] = np.nan
+    disparity = pyramid.upsample_disparity(small)
+    confidence = pyramid.upsample_confidence(np.nan_to_num(small / 80.0), disparity)
+    np.testing.assert_allclose(320.0 * confidence, np.nan_to_num(disparity), rtol=1e-6)
+
+
 @given(st.integers(1, 4), st.floats(0, 300), st.floats(0, 200), st.floats(4, 60))
 def test_a_point_has_the_same_range_at_both_sizes(
     factor: int, x: float, y: float, disparity: float

@@ -28,7 +28,7 @@ class Pyramid:
     """Two-level image pyramid: reduces a pair, and brings its disparities back to full size.
 
     A pixel of the small images is the mean of a square of `factor` by `factor` pixels. Incomplete
-    squares at the right and lower border are left out, and take their neighbours' disparity.
+    squares at the right and lower border are left out, and take their neighbours' values.
 
     shape, small: height and width of the images, and of the small ones, px.
     factor: 1 if the small images would be too small.
@@ -68,14 +68,8 @@ class Pyramid:
         return small
 
     def upsample_mask(self, mask: Mask | None) -> NDArray[np.bool_] | None:
-        """Return a mask of the small images at full size; False at an incomplete square."""
-        factor = self.factor
-        if mask is None or factor == 1:
-            return mask
-        whole = np.zeros(self.shape, bool)
-        height, width = mask.shape[0] * factor, mask.shape[1] * factor
-        whole[:height, :width] = mask.repeat(factor, axis=0).repeat(factor, axis=1)
-        return whole
+        """Return a mask of the small images at full size."""
+        return None if mask is None else self._repeat(mask)
 
     def rig(self, rig: StereoRig) -> StereoRig:
         """Return the geometry of the small images."""
@@ -137,17 +131,22 @@ class Pyramid:
             full, smooth,
             where=between[first : first + size[1], first : first + size[0]].view(np.bool_))
         full *= np.float32(factor)
-        left_over = [(0, n - m) for n, m in zip(self.shape, full.shape, strict=True)]
-        return np.pad(full, left_over, mode="edge") if full.shape != self.shape else full
+        return self._pad(full)
 
     def upsample_confidence(
         self, small: NDArray[np.float32], disparity: DisparityMap
     ) -> NDArray[np.float32]:
         """Upsample confidences to the size of a disparity map; 0 where it is NaN."""
-        height, width = disparity.shape
-        full = cv2.resize(small, (width, height), interpolation=cv2.INTER_NEAREST)
-        full[np.isnan(disparity)] = 0
-        return np.asarray(full, np.float32)
+        return np.where(np.isnan(disparity), np.float32(0), self._repeat(small))
+
+    def _repeat(self, small: NDArray[Any]) -> NDArray[Any]:
+        """Values of the squares of small pixels at full size."""
+        return self._pad(small.repeat(self.factor, axis=0).repeat(self.factor, axis=1))
+
+    def _pad(self, whole: NDArray[Any]) -> NDArray[Any]:
+        """Add incomplete squares, which take their neighbours' values."""
+        left_over = [(0, n - m) for n, m in zip(self.shape, whole.shape, strict=True)]
+        return np.pad(whole, left_over, mode="edge") if any(map(any, left_over)) else whole
 
 
 def _scaled(points: Points, scale: float) -> NDArray[np.float32]:
