@@ -123,7 +123,7 @@ def _write(
 ) -> None:
     """Write the parameters that were found, and print their description."""
     from uw_visibility.commands.options import read_params_file
-    from uw_visibility.config.parameter_file import render_values
+    from uw_visibility.config.parameters import render_values
 
     names = printable(", ".join(bag.resolve().name for bag in arguments.bags))
     given = read_params_file(arguments.params_file, arguments.transfer)

@@ -9,6 +9,7 @@ import difflib
 import functools
 import math
 import re
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -188,6 +189,26 @@ def read_yaml(path: str | Path, node: str | None = None) -> dict[str, Any]:
         with naming(f"parameter file {path}"):
             values.update(flatten(parameters))
     return {k: v for k, v in values.items() if not k.startswith(ROS_PARAMETERS)}
+
+
+def render_values(values: Mapping[str, Any], comment: str) -> str:
+    """Return a parameter file with some values.
+
+    comment: text of the first lines.
+    """
+    # Imported here, since --help does not need it.
+    import yaml
+
+    nested: dict[str, Any] = {}
+    for name, value in values.items():
+        *sections, last = name.split(".")
+        place = nested
+        for section in sections:
+            place = place.setdefault(section, {})
+        place[last] = list(value) if isinstance(value, tuple) else value
+    lines = textwrap.wrap(comment, 100, initial_indent="# ", subsequent_indent="# ")
+    content = {"/**": {"ros__parameters": nested}}
+    return "\n".join(lines) + "\n" + yaml.safe_dump(content, default_flow_style=None)
 
 
 def _node_blocks(

@@ -9,7 +9,7 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol, TypeVar
+from typing import Protocol, Self, TypeVar
 
 
 @dataclass(frozen=True)
@@ -50,54 +50,46 @@ class DepthSample:
         """Standard deviation of `depth`, m."""
         return self.variance**0.5
 
+    def towards(self, after: DepthSample, share: float, stamp: int) -> DepthSample:
+        """Return the depth at a stamp, a share of the way to a later one."""
+        # Errors of successive sensor values are correlated, so the mean of two
+        # has no smaller variance.
+        return DepthSample(
+            stamp,
+            self.depth + share * (after.depth - self.depth),
+            self.variance + share * (after.variance - self.variance),
+        )
+
 
 class Stamped(Protocol):
-    """Protocol of a value with a stamp, ns."""
+    """Protocol of a value with a stamp, ns, between which and a later one lie others."""
 
     @property
     def stamp(self) -> int: ...
+
+    def towards(self, after: Self, share: float, stamp: int) -> Self: ...
 
 
 Value = TypeVar("Value", bound=Stamped)
 
 
-def neighbours(
-    values: Sequence[Value], stamp: int, longest_gap: float
-) -> tuple[Value, Value, float] | None:
-    """Return the values before and after a stamp, and its position between them, 0 to 1.
+def interpolate(values: Sequence[Value], stamp: int, longest_gap: float) -> Value | None:
+    """Interpolate linearly at a stamp, ns, between values in the order of theirs.
 
-    values: in the order of stamps.
-    stamp: in ns.
-    longest_gap: values further apart than this are not neighbours, s.
-    Returns None if no neighbours enclose the stamp.
+    None if no values that are at most `longest_gap`, s, apart enclose the stamp.
     """
     index = bisect_left(values, stamp, key=lambda value: value.stamp)
     if index == len(values):
         return None
     after = values[index]
     if after.stamp == stamp:
-        return after, after, 1.0
+        return after
     before = values[max(index - 1, 0)]
     gap = after.stamp - before.stamp
     # No extrapolation.
-    return (before, after, (stamp - before.stamp) / gap) if 0 < gap <= longest_gap * 1e9 else None
-
-
-def interpolate(
-    samples: Sequence[DepthSample], stamp: int, longest_gap: float
-) -> DepthSample | None:
-    """Interpolate the depth linearly at a stamp; see `neighbours`."""
-    found = neighbours(samples, stamp, longest_gap)
-    if found is None:
+    if not 0 < gap <= longest_gap * 1e9:
         return None
-    before, after, share = found
-    # Errors of successive sensor values are correlated, so the mean of two
-    # has no smaller variance.
-    return DepthSample(
-        stamp,
-        before.depth + share * (after.depth - before.depth),
-        before.variance + share * (after.variance - before.variance),
-    )
+    return before.towards(after, (stamp - before.stamp) / gap, stamp)
 
 
 class Verdict(StrEnum):

@@ -54,13 +54,8 @@ RESTART_NANOSECONDS = 1_000_000_000
 class DepthMonitor:
     """Innovation test of a depth sensor, with a verdict by the evidence of all comparisons.
 
-    An estimate waits until the sensor's values enclose its stamp. Times of
-    arrival are of any monotonic clock, and show what is stale.
-
-    Parameters
-    ----------
-    config : PlausibilityConfig
-        Limits; the attribute of that name may be replaced at any time.
+    An estimate waits until the sensor's values enclose its stamp. Times of arrival, s, are of any
+    monotonic clock, and show what is stale. `config` may be replaced at any time.
     """
 
     def __init__(self, config: PlausibilityConfig) -> None:
@@ -84,20 +79,7 @@ class DepthMonitor:
         self._unmatched = self._repeated = 0
 
     def add_sensor(self, sample: DepthSample, arrival: float) -> list[Comparison]:
-        """Add a value of the sensor.
-
-        Parameters
-        ----------
-        sample : DepthSample
-            Finite.
-        arrival : float
-            Time of arrival, s.
-
-        Returns
-        -------
-        list of Comparison
-            Comparisons that it completes.
-        """
+        """Add a finite value of the sensor; return the comparisons that it completes."""
         newest = self._samples[-1].stamp if self._samples else sample.stamp - 1
         self._sensor_arrival = arrival
         if sample.stamp < newest - RESTART_NANOSECONDS:
@@ -109,22 +91,7 @@ class DepthMonitor:
         return self._compare_waiting(arrival)
 
     def add_estimate(self, sample: DepthSample, status: Status, arrival: float) -> list[Comparison]:
-        """Add an estimate.
-
-        Parameters
-        ----------
-        sample : DepthSample
-            Depth NaN if not assessable.
-        status : Status
-            Of the estimate.
-        arrival : float
-            Time of arrival, s.
-
-        Returns
-        -------
-        list of Comparison
-            Comparisons that it completes.
-        """
+        """Add an estimate, NaN if not assessable; return the comparisons that it completes."""
         known = math.isfinite(sample.depth) and math.isfinite(sample.variance)
         self._estimate_arrival = arrival
         self._status = status if known or status is not Status.OK else Status.FIT_FAILED

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from uw_visibility.compute.threads import Workers
-from uw_visibility.config.parameter_file import render_values
+from uw_visibility.config.parameters import render_values
 from uw_visibility.config.schema import AssessmentConfig
 from uw_visibility.errors import InputError, check_range
 from uw_visibility.images.arrays import DisparityMap

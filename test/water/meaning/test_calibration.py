@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uw_visibility.config.parameter_file import render_values
+from uw_visibility.config.parameters import render_values
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.optics.spectra import load_response

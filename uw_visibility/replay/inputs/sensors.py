@@ -15,7 +15,7 @@ import numpy as np
 
 from uw_visibility.errors import InputError
 from uw_visibility.messages.images import stamp_to_nanoseconds
-from uw_visibility.plausibility.comparison import DepthSample, Value, interpolate, neighbours
+from uw_visibility.plausibility.comparison import Value, interpolate
 from uw_visibility.plausibility.monitor import RESTART_NANOSECONDS
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.inputs.topics import check_topic
@@ -56,16 +56,14 @@ class Track(Generic[Value]):
         reached = bool(self._values) and self._values[-1].stamp >= stamp
         return reached or abs(newest - stamp) > self._longest * 1e9
 
+    def at(self, stamp: int) -> Value | None:
+        """Return the value at a stamp, linear between its neighbours; None without these."""
+        return interpolate(self._values, stamp, self._longest)
+
     def forget_before(self, stamp: int) -> None:
         """Drop values that are not needed from this stamp on."""
         while len(self._values) > 1 and self._values[1].stamp <= stamp:
             self._values.popleft()
-
-
-class DepthTrack(Track[DepthSample]):
-    def at(self, stamp: int) -> DepthSample | None:
-        """Return the depth at a stamp, linear between its neighbours."""
-        return interpolate(self._values, stamp, self._longest)
 
 
 class Position(NamedTuple):
@@ -75,6 +73,13 @@ class Position(NamedTuple):
     geographic: bool
     x: float
     y: float
+
+    def towards(self, after: Position, share: float, stamp: int) -> Position:
+        """Return the position at a stamp, a share of the way to a later one."""
+        # Unwrap longitudes across the date line.
+        end = wrap_longitude(after.x - self.x) + self.x if after.geographic else after.x
+        x, y = self.x + share * (end - self.x), self.y + share * (after.y - self.y)
+        return Position(stamp, after.geographic, wrap_longitude(x) if after.geographic else x, y)
 
 
 def read_position(message: Any) -> Position | None:
@@ -100,19 +105,6 @@ def read_position(message: Any) -> Position | None:
 def wrap_longitude(degrees: float) -> float:
     """Wrap a longitude to -180 to 180 degrees."""
     return degrees if -180.0 <= degrees <= 180.0 else (degrees + 180.0) % 360.0 - 180.0
-
-
-class PositionTrack(Track[Position]):
-    def at(self, stamp: int) -> Position | None:
-        """Return the position at a stamp, linear between its neighbours."""
-        found = neighbours(self._values, stamp, self._longest)
-        if found is None:
-            return None
-        before, after, share = found
-        # Unwrap longitudes across the date line.
-        end = wrap_longitude(after.x - before.x) + before.x if after.geographic else after.x
-        x, y = before.x + share * (end - before.x), before.y + share * (after.y - before.y)
-        return Position(stamp, after.geographic, wrap_longitude(x) if after.geographic else x, y)
 
 
 def geographic(x: float, y: float, origin: tuple[float, float]) -> tuple[float, float]:
@@ -198,17 +190,9 @@ class ScalarValue(NamedTuple):
     stamp: int
     value: float
 
-
-class ScalarTrack(Track[ScalarValue]):
-    """Track of the values of a topic."""
-
-    def at(self, stamp: int) -> float:
-        """Return the value at a stamp, linear between neighbours; NaN without neighbours."""
-        found = neighbours(self._values, stamp, self._longest)
-        if found is None:
-            return math.nan
-        before, after, share = found
-        return before.value + share * (after.value - before.value)
+    def towards(self, after: ScalarValue, share: float, stamp: int) -> ScalarValue:
+        """Return the value at a stamp, a share of the way to a later one."""
+        return ScalarValue(self.source, stamp, self.value + share * (after.value - self.value))
 
 
 def numbers_of(reader: BagReader, topic: str) -> list[str]:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -11,15 +12,12 @@ from itertools import chain
 from typing import Any
 
 from uw_visibility.config.schema import PlausibilityConfig
-from uw_visibility.plausibility.comparison import Verdict
+from uw_visibility.plausibility.comparison import DepthSample, Verdict
 from uw_visibility.plausibility.monitor import WAITING_ESTIMATES, Comparison, DepthMonitor
 from uw_visibility.replay.inputs.sensors import (
     LONGEST_GAP,
-    DepthTrack,
     Position,
-    PositionTrack,
     ScalarTopic,
-    ScalarTrack,
     ScalarValue,
     Track,
     geographic,
@@ -54,10 +52,11 @@ class Joiner:
         tolerance: float = 2.0,
     ) -> None:
         self._monitor = DepthMonitor(config) if config.sensor_type != "none" else None
-        self._depths = DepthTrack(config.timeout)
-        self._positions = PositionTrack(LONGEST_GAP) if position else None
+        self._depths: Track[DepthSample] = Track(config.timeout)
+        self._positions: Track[Position] | None = Track(LONGEST_GAP) if position else None
         self._origin = origin
-        self._scalars = {join: ScalarTrack(tolerance) for join in joins}
+        self._scalars: dict[ScalarTopic, Track[ScalarValue]] = {
+            join: Track(tolerance) for join in joins}
         self._tested: list[Track[Any]] = [self._depths] if self._monitor is not None else []
         self._joined: list[Track[Any]] = [
             *([self._positions] if self._positions is not None else []), *self._scalars.values()]
@@ -120,8 +119,8 @@ class Joiner:
             self._unjoined.append(joined)
         for joined in self._released(self._unjoined, self._joined, at_end):
             self._join_position(joined)
-            joined.scalars = tuple(
-                track.at(joined.record.stamp) for track in self._scalars.values())
+            found = (track.at(joined.record.stamp) for track in self._scalars.values())
+            joined.scalars = tuple(math.nan if each is None else each.value for each in found)
             yield joined
 
     def _released(
