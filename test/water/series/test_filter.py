@@ -101,12 +101,14 @@ def test_small_odds_never_add_up_to_certainty(odds: list[float]) -> None:
     assert set(statuses(odds)) == {Status.OK}
 
 
-def test_a_transfer_is_forgotten_with_the_recording() -> None:
+@pytest.mark.parametrize("other", [-3.0, 1.0])
+def test_what_frames_of_a_recording_share_is_forgotten_where_stamps_jump_back(other: float) -> None:
     kept = WaterFilter(PipelineConfig())
     for k in range(6):
-        kept.update(replace(water(), transfer_log_odds=3.0), 0.2 * k)
-    kept.reset()
-    found = kept.update(replace(water(), transfer_log_odds=-0.5), 2.0)
+        frame = replace(water(), transfer_log_odds=3.0, lamps_log_odds=2.0)
+        found = kept.update(frame, 0.2 * k)
+    assert found is not None and found.water.status is Status.OTHER_TRANSFER
+    found = kept.update(replace(water(), transfer_log_odds=-0.5, lamps_log_odds=-5.0), other)
     assert found is not None and found.water.status is Status.OK
 
 

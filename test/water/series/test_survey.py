@@ -17,7 +17,6 @@ from uw_visibility.images.view import View
 from uw_visibility.optics.light_model import transmission
 from uw_visibility.status import Status
 from uw_visibility.water.daylight.estimation import WaterEstimator
-from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor
 from uw_visibility.water.series.survey import FrameWindow, Survey
 
@@ -191,15 +190,11 @@ def test_at_constant_range_no_number_of_frames_shows_the_water():
     assert survey.estimate().water.status is Status.RANGE_SPREAD_TOO_SMALL
 
 
-def test_frames_leave_the_window_and_a_clock_set_back_begins_anew():
+def test_frames_leave_the_window():
     frames = observed_survey(0, 0.3)[:30]
     survey, _ = surveyed(frames, window=24.0)
     found = survey.estimate()
     assert (found.frames, found.duration) == (25, 24.0)
-    survey.add(frames[0][1], 29.0)
-    assert survey.estimate().frames == 1
-    survey.add(WaterEstimate.not_assessable(Status.NO_COLOUR), 30.0)
-    assert survey.estimate().frames == 1
 
 
 def test_an_estimate_is_made_once_in_a_second_of_the_stamps():
@@ -263,10 +258,9 @@ def test_a_channel_that_is_saturated_is_refused_and_the_others_are_not():
     assert np.isnan(water.covariance[4:]).all()
 
 
-def test_an_empty_window_has_no_newest_frame_and_any_frame_continues_it():
+def test_an_empty_window_has_no_newest_frame():
     window = FrameWindow(SurveyConfig())
     assert math.isnan(window.newest) and window.duration == 0.0 and len(window) == 0
-    assert window.continued_by(-5.0)
 
 
 def test_frames_that_left_the_window_are_forgotten_also_by_a_frame_that_adds_nothing():
@@ -276,7 +270,6 @@ def test_frames_that_left_the_window_are_forgotten_also_by_a_frame_that_adds_not
     window.add(None, 12.0)
     assert window.items == [4.0, 9.0]
     assert (window.newest, window.duration) == (9.0, 5.0)
-    assert not window.continued_by(9.0)
 
 
 @given(st.lists(st.floats(0.01, 2.0), min_size=1, max_size=60))

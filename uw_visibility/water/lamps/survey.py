@@ -34,19 +34,13 @@ class LampSurvey:
         self._config = config
         self._lighting = lighting
         self._clear_water = clear_water_attenuation
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all frames."""
         self._frames: FrameWindow[Nodes] = FrameWindow(self._config)
         self._tracker = PointTracker(apart=WIDE)
         self._sightings: FrameWindow[Sightings] = FrameWindow(self._config)
         self._last: tuple[float, SurveyEstimate] | None = None
 
     def add(self, water: WaterEstimate, stamp_seconds: float) -> None:
-        """Add a frame's nodes, if any; a stamp (s) not after the last one restarts the survey."""
-        if not self._frames.continued_by(stamp_seconds):
-            self.reset()
+        """Add a frame's nodes, if any; its stamp (s) is later than those before."""
         light = water.lamps
         self._frames.add(None if light is None else light.nodes, stamp_seconds)
         self._sightings.add(

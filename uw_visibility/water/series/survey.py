@@ -65,10 +65,6 @@ class FrameWindow(Generic[Item]):
         """Time from the oldest to the newest frame, s."""
         return self._frames[-1][0] - self._frames[0][0] if self._frames else 0.0
 
-    def continued_by(self, stamp_seconds: float) -> bool:
-        """Whether a frame of this time, s, would be the newest."""
-        return not stamp_seconds <= self.newest
-
     def add(self, item: Item | None, stamp_seconds: float) -> None:
         """Add a frame later than all before; drop those that have left the window.
 
@@ -202,18 +198,12 @@ class Survey:
     def __init__(self, config: SurveyConfig, estimator: WaterEstimator) -> None:
         self._config = config
         self._estimator = estimator
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all frames."""
         self._frames: FrameWindow[FrameEnvelopes] = FrameWindow(self._config)
         # Stamp of the newest frame, what was estimated, and its levels of light.
         self._last: tuple[float, SurveyEstimate, Levels] | None = None
 
     def add(self, water: WaterEstimate, stamp_seconds: float) -> None:
-        """Add a frame's blocks, if any; a stamp (s) not after the last one restarts the survey."""
-        if not self._frames.continued_by(stamp_seconds):
-            self.reset()
+        """Add a frame's blocks, if any; its stamp (s) is later than those before."""
         self._frames.add(FrameEnvelopes.of(water), stamp_seconds)
 
     def estimate(self) -> SurveyEstimate:
