@@ -54,6 +54,16 @@ def test_exact_estimates_give_the_plain_line() -> None:
     assert fit.slope_stddev == pytest.approx(0.0, abs=1e-9)
 
 
+def test_values_on_a_line_leave_no_scatter_of_rounding() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        x = np.sort(rng.uniform(0.1, 0.4, 12))
+        # The estimates' deviations account for more than what is off the line.
+        fit = fit_line(x, np.full(12, 0.1), 1.1 * x + 0.003 * rng.standard_normal(12))
+        assert fit is not None
+        assert fit.residual_stddev == 0.0
+
+
 def test_too_little_is_no_fit() -> None:
     x = np.linspace(0.0, 1.0, 20)
     assert fit_line(x[:7], x[:7], x[:7]) is None

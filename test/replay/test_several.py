@@ -61,7 +61,7 @@ def test_of_several_bags_one_that_is_unreadable_holds_up_no_other(
     assert ended.value.code == 1
     printed = capsys.readouterr()
     assert "cannot read bag" in printed.err
-    assert "transect: Visibility was assessed in all 2 frames, " in printed.out
+    assert "transect: Visibility was assessed in both frames, " in printed.out
     table = tmp_path / "day" / "transect" / "frames.csv"
     before = table.stat().st_mtime_ns
     # What is complete is not made again.
@@ -91,7 +91,7 @@ def test_of_several_bags_one_that_cannot_be_used_holds_up_no_other(
     assert printed.err.count("no pair of images") == 2
     assert re.findall("^uw_visibility: (.*?):", printed.err, re.MULTILINE) == [
         str(single), str(other)]
-    assert "transect: Visibility was assessed in all 2 frames, " in printed.out
+    assert "transect: Visibility was assessed in both frames, " in printed.out
     assert "2024" not in printed.out
     assert {p.name for p in (tmp_path / "day").iterdir() if p.is_dir()} == {"transect"}
 
@@ -114,7 +114,7 @@ def test_of_several_bags_an_error_inside_costs_one_its_result(
     assert ended.value.code == 1
     printed = capsys.readouterr()
     assert f"{first}: internal error, ZeroDivisionError: a fault of ours (replay it" in printed.err
-    assert "transect: Visibility was assessed in all 2 frames, " in printed.out
+    assert "transect: Visibility was assessed in both frames, " in printed.out
     page = (tmp_path / "day" / "index.html").read_text(encoding="utf-8")
     assert "first: internal error, ZeroDivisionError" in page
     # By itself it is told as any error inside.

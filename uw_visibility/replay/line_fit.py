@@ -135,7 +135,9 @@ def _line(x: Array, x_stddev: Array, y: Array) -> tuple[float, float, float, flo
     (s_xx, s_xy), (_, s_yy) = np.cov(x, y)
     if s_xx == 0.0 or s_yy == 0.0:
         return float(y.mean()), 0.0, math.sqrt(s_yy), 0.0
-    noise = min(float(np.mean(x_stddev**2)), s_xx - s_xy**2 / s_yy)
+    most = s_xx - s_xy**2 / s_yy
+    noise = min(float(np.mean(x_stddev**2)), most)
     slope = float(s_xy / (s_xx - noise))
-    scatter = math.sqrt(max(float(s_yy) - slope * float(s_xy), 0.0))
+    # With the most noise all values lie on the line; rounding leaves some scatter.
+    scatter = 0.0 if noise == most else math.sqrt(max(float(s_yy) - slope * float(s_xy), 0.0))
     return float(y.mean() - slope * x.mean()), slope, scatter, float(s_xy / s_xx)

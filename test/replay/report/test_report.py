@@ -163,7 +163,7 @@ def test_water_too_turbid_to_see_in_is_said_to_be_so(
     text = Page(tmp_path / "out" / "report.html").text
     opening = said(text)
     assert {row["visibility_distance"] for row in done.rows} == {""}
-    assert opening.startswith("Visibility could not be assessed in any of 2 frames, from 2023-1")
+    assert opening.startswith("Visibility could not be assessed in any of 2 frames, at 2023-1")
     assert "could not be assessed, with numbers of frames: too few" in opening
     assert "100 %" not in text[:text.index("<figure")]
     assert done.out.startswith(f"{tmp_path / 'turbid'}: Visibility could not be assessed in any of")
@@ -452,8 +452,10 @@ def test_what_falls_with_attenuation_is_drawn_with_its_deviations(tmp_path: Path
     (tmp_path / "frames.csv").write_text("\n".join(
         ["stamp,beam_attenuation,beam_attenuation_stddev,joined_t", *lines]))
     table = read_table(tmp_path / "frames.csv", joined("joined_t"))
-    (section,) = fit_joins(tmp_path, table, [ScalarTopic("/t")])
+    (section,) = fit_joins(tmp_path, table, [ScalarTopic("/t", unit="percent")])
     assert "+ (-20 ± " in section["text"]
+    assert section["figure"].count("/t [percent]") > 0
+    assert section["figure"].count("/t minus fit [percent]") > 0
     assert "Slope -20, intercept 90." in section["figure"]
 
 

@@ -132,6 +132,15 @@ def test_a_value_that_is_hardly_known_is_neither_worst_nor_best() -> None:
             "35.2 m." in sentences[3])
 
 
+def test_one_frame_does_not_differ_from_itself() -> None:
+    sentences, _ = told(seen(0, 6.0))
+    assert sentences[0].startswith(
+        "Visibility was assessed in the only frame, at 2023-11-14 22:13:20 UTC, over")
+    assert sentences[2] == "Visibility distance was 6.00 ± 0.10 m in frame 0."
+    sentences, _ = told(seen(0, math.nan, status=Status.TOO_DARK), seen(1, 6.0))
+    assert sentences[2] == "Visibility distance was 6.00 ± 0.10 m in frame 1."
+
+
 def test_what_differs_within_sigma_is_no_change() -> None:
     distances = (6.05, 6.0, 6.08, 6.02, 6.06, 5.98)
     sentences, _ = told(*(seen(k, distance) for k, distance in enumerate(distances)))
@@ -147,13 +156,13 @@ def test_estimates_that_jump_or_rise_within_sigma_are_not_called_constant() -> N
     assert summary.synopsis is not None and not summary.synopsis.differs
     assert "throughout" not in sentences[2]
     found = re.search(
-        r"Frames jump between two groups, (\S+) m in 14 and (\S+) m in 26:", sentences[2])
+        r"Frames fall into two groups, (\S+) m in 14 and (\S+) m in 26:", sentences[2])
     assert found
     assert [float(value) for value in found.groups()] == pytest.approx([9.0, 25.0], rel=0.05)
     rising = np.geomspace(9.0, 14.0, 40) * noise
     sentences, summary = told(*(seen(k, d, 0.5 * d) for k, d in enumerate(rising)))
     assert summary.synopsis is not None and not summary.synopsis.differs
-    assert "throughout" not in sentences[2] and "jump" not in sentences[2]
+    assert "throughout" not in sentences[2] and "groups" not in sentences[2]
     assert re.search(r" It rises: median of the first third of the frames (9|10)\.", sentences[2])
     sentences, _ = told(*(seen(k, d, 0.5 * d) for k, d in enumerate(12.0 * noise)))
     assert "throughout" in sentences[2] and "rise" not in sentences[2]

@@ -81,6 +81,14 @@ def test_jumps_between_two_values_are_two_groups(n: int) -> None:
     assert few < many
 
 
+def test_one_frame_that_differs_is_no_group() -> None:
+    series = constant(np.random.default_rng(0), 60)
+    series[20] = 60.0
+    assert groups(series) == []
+    series[40] = 60.0
+    assert groups(series)[1] == (pytest.approx(60.0), 2)
+
+
 @pytest.mark.parametrize("series", [[], [3.0], [9.0, 25.0, 9.0, 25.0], [5.0] * 50])
 def test_too_few_values_or_one_and_the_same_say_nothing(series: list[float]) -> None:
     assert trend(np.array(series)) == []

@@ -243,7 +243,7 @@ def fit_joins(
             fit.write(folder / f"fit_{join.column.removeprefix('joined_')}.json")
         sections.append({
             "title": str(join), "text": _sentence(fit, both, y),
-            "figure": _draw(table, join.column, fit, str(join)) if both else "",
+            "figure": _draw(table, join, fit) if both else "",
         })
     return sections
 
@@ -266,7 +266,9 @@ def _sentence(fit: LineFit | None, both: int, values: Array) -> str:
     )
 
 
-def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Markup:
+def _draw(columns: Columns, join: ScalarTopic, fit: LineFit | None) -> Markup:
+    name, title = join.column, str(join)
+    unit = f" [{join.unit}]" if join.unit else ""
     both = np.isfinite(columns[AGAINST]) & np.isfinite(columns[name])
     known = {key: values[both] for key, values in columns.items()}
     chosen = figures.thin(known)
@@ -278,8 +280,8 @@ def _draw(columns: Columns, name: str, fit: LineFit | None, title: str) -> Marku
         scatter.errorbar(
             x, y, xerr=x_stddev, fmt=".", color=ESTIMATE, elinewidth=0.6, alpha=0.6,
             label="frames")
-        scatter.set(xlabel="beam attenuation, green [1/m]", ylabel=title)
-        residuals.set_ylabel(f"{title} minus fit")
+        scatter.set(xlabel="beam attenuation, green [1/m]", ylabel=f"{title}{unit}")
+        residuals.set_ylabel(f"{title} minus fit{unit}")
         if fit is None:
             residuals.text(0.5, 0.5, "no fit", transform=residuals.transAxes, ha="center")
         else:

@@ -117,10 +117,12 @@ def formula(contrast: float) -> str:
 
 
 def time_span(start: int, end: int) -> str:
-    """Return the span between two stamps, ns, as text; the date once if both have the same."""
-    first, last = (datetime.fromtimestamp(stamp / 1e9, UTC) for stamp in (start, end))
-    again = "" if first.date() == last.date() else f"{last:%Y-%m-%d} "
-    return f"{first:%Y-%m-%d %H:%M:%S} to {again}{last:%H:%M:%S} UTC"
+    """Return the span between two stamps, ns, as text; what both have in common is told once."""
+    first, last = (f"{datetime.fromtimestamp(stamp / 1e9, UTC):%Y-%m-%d %H:%M:%S}"
+                   for stamp in (start, end))
+    if first == last:
+        return f"{first} UTC"
+    return f"{first} to {last.removeprefix(first[:11])} UTC"
 
 
 def clock(stamp: int) -> str:
@@ -129,7 +131,8 @@ def clock(stamp: int) -> str:
 
 
 def _seen(synopsis: Synopsis) -> Sentence:
-    when = f"from {time_span(synopsis.start, synopsis.end)}"
+    span = time_span(synopsis.start, synopsis.end)
+    when = f"from {span}" if " to " in span else f"at {span}"
     if not synopsis.told:
         return [
             f"Visibility could not be assessed in any of {amount(synopsis.frames, 'frame')}, "
@@ -168,6 +171,9 @@ def _distance(synopsis: Synopsis) -> Sentence:
         apart = f" Distances of frames that the filter rejected: {shown}."
         others = "that the filter accepted "
     apart = f"{course(synopsis)}{apart}"
+    if synopsis.told == 1:
+        return [
+            f"Visibility distance was {rounded(low.value, low.stddev)} m in ", worst, f".{apart}"]
     if not synopsis.differs:
         spread = synopsis.relative_stddev * synopsis.median
         where = "throughout" if synopsis.constant else "in the median frame"
@@ -187,12 +193,12 @@ def _distance(synopsis: Synopsis) -> Sentence:
 
 
 def course(synopsis: Synopsis) -> str:
-    """Say whether the distance jumps between two values, rises or falls; empty if neither."""
+    """Say whether the distance has two values, rises or falls; empty if neither."""
     if synopsis.groups:
         (low, few), (high, many) = synopsis.groups
         return (
-            f" Frames jump between two groups, {number(low)} m in {few} and {number(high)} m in "
-            f"{many}: at most one of them is right, unless the water changes that fast.")
+            f" Frames fall into two groups, {number(low)} m in {few} and {number(high)} m in "
+            f"{many}: at most one of them is right, unless the water differed between them.")
     if synopsis.trend:
         first, last = synopsis.trend
         return (
@@ -313,7 +319,7 @@ def number(value: float, digits: int = 3) -> str:
 def share(part: int, whole: int) -> str:
     """Return a share as text; 100 % only for all, 0 % never."""
     if part == whole:
-        return f"all {whole} frames" if whole > 1 else "the only frame"
+        return {1: "the only frame", 2: "both frames"}.get(whole, f"all {whole} frames")
     percent = min(max(100.0 * part / whole, 1.0), 99.0)
     return f"{part} of {whole} frames ({percent:.0f} %)"
 

@@ -81,7 +81,7 @@ class Synopsis:
     # medians of the first and the last third of single frames, m, if these rise or fall; see
     # `trend`
     trend: list[float] = field(default_factory=list)
-    # distance, m, and number of frames of two groups between which single frames jump, if any; see
+    # distance, m, and number of frames of two groups of single frames, if any; see
     # `groups`
     groups: list[tuple[float, int]] = field(default_factory=list)
     # baseline by the calibration, m; smallest and largest if it changes
@@ -257,4 +257,7 @@ def groups(distance: Array) -> list[tuple[float, int]]:
     if evidence <= EVIDENCE or abs(mean[1] - mean[0]) <= SEPARATION * width:
         return []
     upper = member[:, 1] > 0.5
+    if min(upper.sum(), (~upper).sum()) < 2:
+        # A single frame that differs is no group.
+        return []
     return [(math.exp(values[chosen].mean()), int(chosen.sum())) for chosen in (~upper, upper)]
