@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
+from uw_visibility.enhancement.radiance import RestorationWater
 from uw_visibility.messages.frames import StereoFrame
 from uw_visibility.messages.processor import FrameProcessor
 from uw_visibility.optics.light_model import attenuate, transmission
@@ -51,6 +52,14 @@ def texture(
 def patches(values: ArrayLike, size: int) -> Image:
     """Repeat each value over a square of ``size`` pixels."""
     return np.asarray(values).repeat(size, axis=0).repeat(size, axis=1)
+
+
+def restored_water(
+    attenuation: Image, ambient_light: Image, scene_light: Image | None = None, **more: Any
+) -> RestorationWater:
+    """Water with one light for veil and scene, or with another for the scene."""
+    light = ambient_light if scene_light is None else scene_light
+    return RestorationWater(attenuation, ambient_light, light, **more)
 
 
 def codes(image: Image, dtype: DTypeLike = np.uint8, transfer: str = "linear") -> Image:

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Grain: what of an image counts as noise, and what restoration does with it."""
 
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scenes import restored_water
 
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement.grain import REACH, find_grain
@@ -13,7 +13,7 @@ from uw_visibility.enhancement.radiance import Restorer
 from uw_visibility.optics.transfer import linear_table
 
 NOISE = np.full(3, 2.0)
-WATER = SimpleNamespace(attenuation=np.full(3, 0.3), ambient_light=np.full(3, 0.6))
+WATER = restored_water(attenuation=np.full(3, 0.3), ambient_light=np.full(3, 0.6))
 SHAPE = (120, 160)
 # e^(βd) is 3.3.
 FAR = np.full(SHAPE, 4.0, np.float32)

@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 import warnings
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scenes import restored_water
 
 from uw_visibility.enhancement.known_range import known_range
 from uw_visibility.enhancement.radiance import Restorer
@@ -65,7 +65,7 @@ def test_nothing_steps_at_the_border_of_a_guess() -> None:
     matched = ALL.copy()
     matched[60:180, 100:220] = False
     ranges = np.where(matched, 4.0, 12.0).astype(np.float32)
-    water = SimpleNamespace(attenuation=ATTENUATION, ambient_light=np.full(3, 0.5))
+    water = restored_water(attenuation=ATTENUATION, ambient_light=np.full(3, 0.5))
     along = found(image, ranges, matched)
     steps = [
         np.quantile(gain_steps(image, Restorer().restore(image, r, water, np.ones(3), k)[0]), 0.999)

@@ -2,23 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Restoration: the light model's inverse, its limits, tables, threads."""
 
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from scenes import in_water
+from scenes import in_water, restored_water
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement.grain import find_grain
-from uw_visibility.enhancement.radiance import Restorer
+from uw_visibility.enhancement.radiance import RestorationWater, Restorer
 from uw_visibility.errors import InputError
 from uw_visibility.optics.light_model import attenuate
 from uw_visibility.optics.transfer import from_linear, linear_table, to_linear
 
-WATER = SimpleNamespace(
+WATER = restored_water(
     attenuation=np.array([0.43, 0.27, 0.22]), ambient_light=np.array([0.4, 0.6, 0.65])
 )
 SHAPE = (60, 70)
@@ -53,7 +52,7 @@ def test_inverts_the_light_model_where_nothing_is_unsure(transfer: str) -> None:
 
 
 def expected(
-    image: np.ndarray, distance: np.ndarray, known: np.ndarray, water: SimpleNamespace,
+    image: np.ndarray, distance: np.ndarray, known: np.ndarray, water: RestorationWater,
     config: EnhancementConfig, noise: np.ndarray,
 ) -> np.ndarray:
     """What `Restorer` says it does with linear images, in double precision."""
@@ -87,7 +86,7 @@ def test_kernel_is_within_a_quarter_grey_level_of_what_it_says(
     image = random.integers(0, 256, (7, 40, 3)).astype(np.uint8)
     distance = random.uniform(0, 20, (7, 40)).astype(np.float32)
     known = random.uniform(0, 1, (7, 40)).astype(np.float32)
-    water = SimpleNamespace(
+    water = restored_water(
         attenuation=np.array(attenuation), ambient_light=np.array(veil),
         scene_light=random.uniform(0.1, 1.0, 3), veil_stddev=random.uniform(0, 0.1, 3))
     config = EnhancementConfig(max_gain=max_gain)
@@ -102,7 +101,7 @@ def test_an_image_of_several_bands_has_no_seam() -> None:
     image = np.rint(smooth + random.normal(0.0, 2.0, (300, 40, 3))).astype(np.uint8)
     distance = random.uniform(0, 6, (300, 40)).astype(np.float32)
     known = random.uniform(0, 1, (300, 40)).astype(np.float32)
-    water = SimpleNamespace(
+    water = restored_water(
         attenuation=WATER.attenuation, ambient_light=WATER.ambient_light,
         scene_light=np.full(3, 0.8), veil_stddev=np.full(3, 0.05))
     noise = np.full(3, 2.0)
@@ -124,7 +123,7 @@ def test_what_has_no_range_keeps_its_look_and_is_marked(unknown: float) -> None:
 
 def test_a_range_beyond_all_numbers_is_as_one_beyond_the_largest_gain() -> None:
     """Its thickness overflows, which is no warning of NumPy's: those are errors in tests."""
-    turbid = SimpleNamespace(
+    turbid = restored_water(
         attenuation=np.array([3.0, 2.0, 1.5]), ambient_light=np.array([0.3, 0.5, 0.5]))
     image = np.full((1, 2, 3), 120, np.uint8)
     distance = np.array([[3e38, 1e6]], np.float32)
@@ -156,7 +155,7 @@ def test_limited_marks_where_one_channel_is_restored_by_less_than_half() -> None
 def test_channel_that_is_not_assessable_is_handed_on() -> None:
     radiance, distance = scene(1)
     image = seen(radiance, distance, "linear", np.uint8)
-    water = SimpleNamespace(
+    water = restored_water(
         attenuation=np.array([np.nan, 0.27, 0.22]), ambient_light=np.array([0.4, 0.6, 0.65])
     )
     full, _ = Restorer(ANY_GAIN).restore(image, distance, WATER, NO_NOISE)
@@ -169,7 +168,7 @@ def test_nothing_assessable_returns_the_image_unmarked() -> None:
     radiance, distance = scene(2)
     image = seen(radiance, distance, "linear", np.uint8)
     distance[0, 0] = np.nan
-    nothing = SimpleNamespace(attenuation=np.full(3, np.nan), ambient_light=np.full(3, np.nan))
+    nothing = restored_water(attenuation=np.full(3, np.nan), ambient_light=np.full(3, np.nan))
     enhanced, limited = Restorer().restore(image, distance, nothing)
     np.testing.assert_array_equal(enhanced, image)
     assert not limited.any()
@@ -178,10 +177,10 @@ def test_nothing_assessable_returns_the_image_unmarked() -> None:
 def test_grey_image_with_one_channel_of_water() -> None:
     radiance, distance = scene(3)
     image = seen(radiance, distance, "linear", np.uint8)
-    one = SimpleNamespace(attenuation=np.array([0.27]), ambient_light=np.float64(0.6))
+    one = restored_water(attenuation=np.array([0.27]), ambient_light=np.array([0.6]))
     grey, _ = Restorer().restore(
         np.ascontiguousarray(image[..., 1]), distance, one, np.zeros(1))
-    water = SimpleNamespace(
+    water = restored_water(
         attenuation=np.full(3, 0.27), ambient_light=np.full(3, 0.6))
     colour, _ = Restorer().restore(image[..., [1, 1, 1]].copy(), distance, water, NO_NOISE)
     assert grey.shape == SHAPE
@@ -211,7 +210,7 @@ def test_same_bits_for_any_number_of_threads() -> None:
 def test_noise_limits_the_gain_and_the_result_keeps_to_it() -> None:
     """Far scene whose detail is three times the noise: both are at most what the parameter says."""
     rng = np.random.default_rng(0)
-    water = SimpleNamespace(attenuation=np.full(3, 0.3), ambient_light=np.full(3, 0.6))
+    water = restored_water(attenuation=np.full(3, 0.3), ambient_light=np.full(3, 0.6))
     light = np.full((120, 160, 3), 0.97 * 0.6 * 255)
     image = np.clip(np.round(light + rng.normal(0, 4.5, light.shape)), 0, 255).astype(np.uint8)
     for distance in (1.0, 3.0, 5.0, 7.0, 9.0):
@@ -236,7 +235,7 @@ def test_a_wrong_veil_does_not_colour_a_far_wall() -> None:
     restorer = Restorer(ANY_GAIN)
     (exact, _), (limited, marked) = (
         restorer.restore(
-            image, distance, SimpleNamespace(**wrong, veil_stddev=known), NO_NOISE)
+            image, distance, restored_water(**wrong, veil_stddev=known), NO_NOISE)
         for known in (None, stddev))
     assert np.abs(limited[:, :35].astype(int) - exact[:, :35]).max() < 0.001 * 65535
     assert marked[:, 35:].all()
@@ -248,7 +247,7 @@ def test_a_wrong_veil_does_not_colour_a_far_wall() -> None:
 
 def test_a_grey_surface_stays_grey_beyond_the_limit_of_red() -> None:
     """Red is limited first: without help from the others all that is far would turn red."""
-    water = SimpleNamespace(
+    water = restored_water(
         attenuation=np.array([0.6, 0.2, 0.2]), ambient_light=np.array([0.4, 0.6, 0.65])
     )
     distance = np.full((4, 6), 9, np.float32)
@@ -270,7 +269,7 @@ def test_veil_and_light_apart_are_inverted() -> None:
     transmission = np.exp(-WATER.attenuation * distance[..., np.newaxis])
     irradiance = light * radiance * transmission + veil * (1 - transmission)
     image = from_linear(irradiance.astype(np.float32), "linear", np.uint16)
-    water = SimpleNamespace(
+    water = restored_water(
         attenuation=WATER.attenuation, ambient_light=veil, scene_light=light
     )
     enhanced, _ = Restorer(ANY_GAIN).restore(image, distance, water, NO_NOISE)
@@ -279,7 +278,7 @@ def test_veil_and_light_apart_are_inverted() -> None:
 
 def test_open_water_keeps_its_look() -> None:
     """Brighter above than below, as it is: it turns neither white nor black, and has no steps."""
-    water = SimpleNamespace(
+    water = restored_water(
         attenuation=WATER.attenuation, ambient_light=np.array([0.1, 0.25, 0.3]),
         scene_light=np.array([0.2, 0.2, 0.2]), veil_stddev=np.array([0.01, 0.02, 0.03]))
     light = water.ambient_light * np.linspace(2.0, 0.3, 80)[:, np.newaxis, np.newaxis]

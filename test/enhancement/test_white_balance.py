@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The camera's white stays white, and the water's colour is still undone where it is none."""
 
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scenes import in_water
+from scenes import in_water, restored_water
 
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement.radiance import Restorer
@@ -39,7 +38,7 @@ def test_a_board_that_the_camera_has_balanced_stays_white() -> None:
                      ATTENUATION, LIGHT)[0, 0]
     image, distance = picture(0.85 * near.mean() / near)
     # An estimate whose light is off in its colour, as without a view of open water.
-    wrong = SimpleNamespace(attenuation=ATTENUATION, ambient_light=LIGHT * [1.0, 1.1, 1.25])
+    wrong = restored_water(attenuation=ATTENUATION, ambient_light=LIGHT * [1.0, 1.1, 1.25])
     before = board_of(image, distance, wrong)
     assert before.max() - before.min() > 15
     water = restoration_water(image, distance, ALL, wrong, "linear")
@@ -51,7 +50,7 @@ def test_a_board_that_the_camera_has_balanced_stays_white() -> None:
 
 def test_a_picture_that_the_water_has_coloured_is_restored_as_before() -> None:
     image, distance = picture(np.ones(3))
-    true = SimpleNamespace(attenuation=ATTENUATION, ambient_light=LIGHT)
+    true = restored_water(attenuation=ATTENUATION, ambient_light=LIGHT)
     water = restoration_water(image, distance, ALL, true, "linear")
     np.testing.assert_array_equal(water.scene_light, LIGHT)
     assert water.balanced == 0.0
@@ -61,7 +60,7 @@ def test_a_hundred_pixels_with_a_range_balance_nothing() -> None:
     near = attenuate(np.full((1, 1, 3), 0.9, np.float32), np.full((1, 1), 0.6, np.float32),
                      ATTENUATION, LIGHT)[0, 0]
     image, distance = picture(0.85 * near.mean() / near)
-    wrong = SimpleNamespace(attenuation=ATTENUATION, ambient_light=LIGHT * [1.0, 1.1, 1.25])
+    wrong = restored_water(attenuation=ATTENUATION, ambient_light=LIGHT * [1.0, 1.1, 1.25])
     few = np.zeros(SHAPE, np.bool_)
     few[BOARD][:5, :20] = True
     water = restoration_water(image, distance, few, wrong, "linear")
@@ -71,7 +70,7 @@ def test_a_hundred_pixels_with_a_range_balance_nothing() -> None:
 
 def test_nothing_is_overexposed_where_the_light_is_estimated_too_low() -> None:
     image, distance = picture(np.ones(3))
-    low = SimpleNamespace(
+    low = restored_water(
         attenuation=ATTENUATION, ambient_light=0.4 * LIGHT, scene_light=0.4 * LIGHT
     )
     restorer = Restorer(EnhancementConfig(max_gain=1000.0))
@@ -89,7 +88,7 @@ def test_without_an_estimate_of_a_channel_nothing_is_changed(missing: int) -> No
     image, distance = picture(np.ones(3))
     attenuation = ATTENUATION.copy()
     attenuation[missing] = np.nan
-    partly = SimpleNamespace(attenuation=attenuation, ambient_light=LIGHT)
+    partly = restored_water(attenuation=attenuation, ambient_light=LIGHT)
     water = restoration_water(image, distance, ALL, partly, "linear")
     np.testing.assert_array_equal(water.scene_light, LIGHT)
 
@@ -97,13 +96,13 @@ def test_without_an_estimate_of_a_channel_nothing_is_changed(missing: int) -> No
 def test_saturated_pixels_are_no_white() -> None:
     image, distance = picture(np.ones(3))
     image[:10] = 255
-    true = SimpleNamespace(attenuation=ATTENUATION, ambient_light=LIGHT)
+    true = restored_water(attenuation=ATTENUATION, ambient_light=LIGHT)
     assert restoration_water(image, distance, ALL, true, "linear").balanced == 0.0
 
 
 def test_ranges_without_end_do_not_matter() -> None:
     image, distance = picture(np.ones(3))
-    true = SimpleNamespace(
+    true = restored_water(
         attenuation=ATTENUATION, ambient_light=LIGHT, veil_stddev=0.05 * LIGHT)
     unseen = distance.copy()
     unseen[:20] = np.inf

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.compute.threads import Workers
+from uw_visibility.optics.lamps import RANGES
 from uw_visibility.stereo.contrast import ContrastNormalizer, least_noise_weights
 
 ATTENUATION = np.array([0.5, 0.3, 0.2])
@@ -103,16 +104,15 @@ def test_lamp_lit_contrast_of_the_far_is_raised_and_that_of_the_near_kept():
     rng = np.random.default_rng(2)
     ranges = np.full(SHAPE, 2.0, np.float32)
     ranges[40:] = 6.0
-    steps = np.geomspace(0.5, 10.0, 20)
-    direct = np.exp(-0.3 * steps) / steps**2 * np.array([[0.2], [0.8], [1.0]])
+    direct = np.exp(-0.3 * RANGES) / RANGES**2 * np.array([[0.2], [0.8], [1.0]])
     light = np.where(ranges < 4, 1.0, (2 / 6) ** 2 * np.exp(-0.3 * 4))[..., None]
     image = (rng.random((*SHAPE, 3)) * 0.8 * light * 255 * 256).astype(np.uint16)
     contrast = ContrastNormalizer(SHAPE)
-    contrast.restore_lit(image, ranges, steps, direct, Workers(1), NO_NOISE)
+    contrast.restore_lit(image, ranges, direct, Workers(1), NO_NOISE)
     near, far = contrast.gain[20, 0], contrast.gain[60, 0]
     assert near == pytest.approx(stretched(image[:40]).gain.max(), rel=0.2)
     # Twice the raw contrast's half way, at the median range.
-    raised = 2.0 * np.interp(4.0, steps, direct[2]) / np.interp(6.0, steps, direct[2])
+    raised = 2.0 * np.interp(4.0, RANGES, direct[2]) / np.interp(6.0, RANGES, direct[2])
     assert far / near == pytest.approx(raised, rel=0.2)
 
 

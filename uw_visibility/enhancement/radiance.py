@@ -19,7 +19,6 @@ from uw_visibility.enhancement.grain import REACH, find_grain
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, RangeMap
 from uw_visibility.images.noise import ROUNDING_VARIANCE, noise_stddev
-from uw_visibility.optics.light_model import Water, scene_light_of
 from uw_visibility.optics.transfer import encode_table, linear_table
 
 # Standard deviation of radiance by the veil's error, as part of white, that halves restoration.
@@ -33,6 +32,22 @@ _BAND = 128
 _GRAIN = 0.2
 # Limit of N by noise: near surfaces get 1 / (1 + this) = 0.8 of restoration in any noise.
 _MOST_NOISE = 0.25
+
+
+class RestorationWater(NamedTuple):
+    """Attenuation β (1/m), veil B and scene light W for restoration, one value per channel.
+
+    NaN is not assessable. `veil_stddev` is None if the veil is taken as exact. `balanced` is the
+    weight of the camera's own white in W, 0..1. `exposure` is that of the image over that of the
+    left one.
+    """
+
+    attenuation: Array
+    ambient_light: Array
+    scene_light: Array
+    veil_stddev: Array | None = None
+    balanced: float = 0.0
+    exposure: Array | float = 1.0
 
 
 class _Channels(NamedTuple):
@@ -72,7 +87,7 @@ class Restorer:
         self,
         image: NDArray[np.generic],
         range_map: RangeMap,
-        water: Water,
+        water: RestorationWater,
         noise: Array | None = None,
         known: NDArray[np.float32] | None = None,
     ) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
@@ -91,10 +106,7 @@ class Restorer:
             Pixel values.
         range_map : (H, W) float32 ndarray
             Range along the line of sight, m; unknown where NaN, inf or negative.
-        water : Water
-            `attenuation`, `ambient_light` (the veil B) and, if it differs, `scene_light` (W), one
-            value per channel; `veil_stddev`, if the veil is not exact; `exposure`, relative to the
-            camera whose exposure the result has, if it differs.
+        water : RestorationWater
         noise : (3,) or (1,) float64 ndarray, optional
             Standard deviation of the image's noise in code values; measured by default.
         known : (H, W) float32 ndarray, optional
@@ -146,12 +158,10 @@ class Restorer:
         return np.asarray(cv2.exp(thickness).reshape(-1, *range_map.shape), np.float32), trust
 
     def _prepare(
-        self, water: Water, count: int, noise: Array, decode: NDArray[np.float32]
+        self, water: RestorationWater, count: int, noise: Array, decode: NDArray[np.float32]
     ) -> _Channels:
         """Convert the water's state and the errors of restoration to arrays for kernels."""
-        attenuation = np.atleast_1d(np.asarray(water.attenuation, dtype=np.float64))
-        veil = np.atleast_1d(np.asarray(water.ambient_light, dtype=np.float64))
-        light = np.atleast_1d(scene_light_of(water))
+        attenuation, veil, light = (np.asarray(each, np.float64) for each in water[:3])
         if {attenuation.shape, veil.shape, light.shape} != {(count,)}:
             raise InputError(
                 f"water with {attenuation.size} channels does not fit an image with {count}: "
@@ -163,11 +173,11 @@ class Restorer:
         error = irradiance_noise(noise / _GRAIN, decode, veil.astype(np.float32)) / light
         least = np.minimum((0.5 * error / self._max_noise) ** 2, _MOST_NOISE)
         least += (0.5 / self._max_gain) ** 2
-        veil_stddev = getattr(water, "veil_stddev", None)
-        stddev = np.zeros(count) if veil_stddev is None else np.nan_to_num(veil_stddev)
+        stddev = (
+            np.zeros(count) if water.veil_stddev is None else np.nan_to_num(water.veil_stddev))
         return _Channels(*(values.astype(np.float32) for values in (
             np.where(assessable, np.maximum(attenuation, 0.0), 0.0), veil, light,
-            np.ones(count) * getattr(water, "exposure", 1.0),
+            np.ones(count) * water.exposure,
             np.where(assessable, least, np.inf), (stddev / (_MOST_VEIL * light)) ** 2)))
 
 

@@ -12,10 +12,9 @@ import numpy as np
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
-from uw_visibility.enhancement.radiance import Restorer
+from uw_visibility.enhancement.radiance import RestorationWater, Restorer
 from uw_visibility.images.arrays import Mask, PerChannel, RangeMap
 from uw_visibility.images.network import ONNX, Network, load
-from uw_visibility.optics.light_model import Water
 
 
 class OnnxRestorer:
@@ -32,8 +31,8 @@ class OnnxRestorer:
         self._lock = threading.Lock()
 
     def restore(
-        self, image: Any, range_map: RangeMap, water: Water, noise: PerChannel | None = None,
-        known: Any = None, /,
+        self, image: Any, range_map: RangeMap, water: RestorationWater,
+        noise: PerChannel | None = None, known: Any = None, /,
     ) -> tuple[Any, Mask]:
         """Return the image restored by the network, and an empty mask of limited pixels.
 

@@ -9,19 +9,14 @@ then used as white instead of that of W.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uw_visibility.enhancement.radiance import RestorationWater
 from uw_visibility.images.arrays import Array, Image, Mask, RangeMap
-from uw_visibility.optics.light_model import (
-    Water,
-    contrast_gain,
-    radiance_of,
-    scene_light_of,
-    transmission,
-)
+from uw_visibility.optics.light_model import contrast_gain, radiance_of, transmission
 from uw_visibility.optics.transfer import linear_table
 
 # Approximate number of sampled pixels, and least number of them with a range.
@@ -40,28 +35,12 @@ _OVEREXPOSED = 0.005
 _QUANTISATION = 0.3
 
 
-class RestorationWater(NamedTuple):
-    """Attenuation β (1/m), veil B and scene light W for restoration, one value per channel.
-
-    NaN is not assessable. `veil_stddev` is None if the veil is taken as exact. `balanced` is the
-    weight of the camera's own white in W, 0..1. `exposure` is that of the image over that of the
-    left one.
-    """
-
-    attenuation: Array
-    ambient_light: Array
-    scene_light: Array
-    veil_stddev: Array | None = None
-    balanced: float = 0.0
-    exposure: Array | float = 1.0
-
-
 def restoration_water(
-    image: Image, range_map: RangeMap, measured: Mask, water: Water, transfer: str
+    image: Image, range_map: RangeMap, measured: Mask, water: RestorationWater, transfer: str
 ) -> RestorationWater:
     """Correct veil and scene light for restoration: the camera's white stays white.
 
-    First, the veil is adjusted within its uncertainty (`veil_stddev`, if the water has it), see
+    First, the veil is adjusted within its uncertainty `veil_stddev`, see
     `level_veil`. The brightest unsaturated pixels count as white if their colour in the image is
     neutral: without white balance under water they would lack red. W is then scaled per channel so
     that restoration keeps their colour. If too many pixels would be restored brighter than white,
@@ -70,10 +49,8 @@ def restoration_water(
     Only `measured` ranges count. Veil or W stay unchanged if too few samples determine them, or if
     no channel is assessable.
     """
-    attenuation = np.array(water.attenuation, np.float64, ndmin=1)
-    veil = np.array(water.ambient_light, np.float64, ndmin=1)
-    light = np.array(scene_light_of(water), ndmin=1)
-    veil_stddev = getattr(water, "veil_stddev", None)
+    attenuation, veil, light = (np.array(each, np.float64) for each in water[:3])
+    veil_stddev = water.veil_stddev
     seen = np.isfinite(attenuation + veil + light)
     if not seen.any():
         return RestorationWater(attenuation, veil, light)

@@ -46,21 +46,8 @@ LEAST_DISTANCE = 0.02
 DARKNESS = 1e-12
 # Least cosine of incidence.
 LEAST_COSINE = 0.05
-
-
-class DirectLight(NamedTuple):
-    """Light of lamps on a surface, as it reaches the camera, over range.
-
-    Attributes
-    ----------
-    range : (R,) float64 ndarray
-        m.
-    direct : (3, R) float64 ndarray
-        D, geometric mean over the image.
-    """
-
-    range: Array
-    direct: Array
+# Place of the left camera, the origin of the lamps' frame.
+LEFT_EYE = (0.0, 0.0, 0.0)
 
 
 class LampTables(NamedTuple):
@@ -86,10 +73,10 @@ class LampTables(NamedTuple):
             at_attenuation(self.log_direct, attenuation),
             at_attenuation(self.log_scattered, attenuation))
 
-    def by_range(self, attenuation: Array) -> DirectLight:
-        """Direct light over range alone, at attenuations (3,), 1/m."""
+    def by_range(self, attenuation: Array) -> Array:
+        """Geometric mean of D over the image at `RANGES`, (3, R), at attenuations (3,), 1/m."""
         log_direct, _ = self.at(attenuation)
-        return DirectLight(RANGES, np.exp(log_direct.mean(axis=(1, 2), dtype=np.float64)))
+        return np.exp(log_direct.mean(axis=(1, 2), dtype=np.float64))
 
     def scattered_at(self, column: Array, row: Array, distance: Array) -> Array:
         """Interpolate ln S at points (px, px, m), (K, 3, N) float64; the nearest node beyond."""
@@ -167,10 +154,6 @@ def _of_channels(values: Array) -> Table:
     return np.asarray(values, np.float32)[:, np.newaxis, np.newaxis, np.newaxis]
 
 
-# Place of the left camera, the origin of the lamps' frame.
-LEFT_EYE = (0.0, 0.0, 0.0)
-
-
 # The cache has room for both cameras at two image sizes.
 @lru_cache(maxsize=4)
 def tabulate(
@@ -215,7 +198,7 @@ def tabulate(
 
 
 def shine(
-    points: Array, directions: Array, lamp: Lamp, eye: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    points: Array, directions: Array, lamp: Lamp, eye: tuple[float, float, float] = LEFT_EYE
 ) -> tuple[Array, Array, Array]:
     """Distance from a lamp, g/r², and the cosine of scattering to the camera, each (N, S).
 

@@ -13,14 +13,12 @@ broadcast; compiled kernels call the same functions with floats.
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uw_visibility.compute.numba_import import register_jitable
-
-Array = NDArray[np.float64]
 
 
 @register_jitable
@@ -45,22 +43,6 @@ def irradiance_of(radiance: Any, transmitted: Any, veil: Any, light: Any) -> Any
 def radiance_of(irradiance: Any, gain: Any, veil: Any, light: Any) -> Any:
     """Radiance ρ of a patch of irradiance E (eq. 8), with the gain e^(βd) or a smaller one."""
     return veil / light + (irradiance / light - veil / light) * gain
-
-
-class Water(Protocol):
-    """Protocol of a water's state: attenuation and ambient light; NaN = not assessable."""
-
-    @property
-    def attenuation(self) -> Array: ...
-
-    @property
-    def ambient_light(self) -> Array: ...
-
-
-def scene_light_of(water: Water) -> Array:
-    """Scene light W of each channel; the ambient light where there is no separate one."""
-    light = getattr(water, "scene_light", None)
-    return np.asarray(water.ambient_light if light is None else light, dtype=np.float64)
 
 
 def attenuate(

@@ -9,8 +9,9 @@ from collections.abc import Collection
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.known_range import KnownRange, known_range
+from uw_visibility.enhancement.radiance import RestorationWater
 from uw_visibility.enhancement.restorers import RESTORER, RESTORERS
-from uw_visibility.enhancement.white_balance import RestorationWater, restoration_water
+from uw_visibility.enhancement.white_balance import restoration_water
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Image, Mask, PerChannel
 from uw_visibility.images.view import StereoViews, View

@@ -17,10 +17,9 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.matting import refine
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import DisparityMap, Image, PerChannel, Points
+from uw_visibility.images.arrays import Array, DisparityMap, Image, PerChannel, Points
 from uw_visibility.images.pair import exposure_status
 from uw_visibility.images.view import StereoViews, View
-from uw_visibility.optics.lamps import DirectLight
 from uw_visibility.pipeline.result import StageClock
 from uw_visibility.status import Status
 from uw_visibility.stereo.contrast import ContrastNormalizer
@@ -68,8 +67,8 @@ class CoarseEstimate:
     coverage: float  # part of the left image that the mesh covers
     # whether the support points are few and count as matches by chance
     by_chance: bool = False
-    # direct light of the lamps over range, if they alone light the scene
-    lamps: DirectLight | None = None
+    # ``(3, R)`` float64, see `LampTables.by_range`; None unless lamps alone light the scene
+    lamps: Array | None = None
 
 
 class Scale:

@@ -15,9 +15,9 @@ from scipy.special import expit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.lamp_radiance import LampRestorer
-from uw_visibility.images.arrays import Image, Mask, PerChannel, RangeMap
+from uw_visibility.images.arrays import Array, Image, Mask, PerChannel, RangeMap
 from uw_visibility.images.view import StereoViews, View
-from uw_visibility.optics.lamps import LEFT_EYE, DirectLight, tabulate
+from uw_visibility.optics.lamps import LEFT_EYE, tabulate
 from uw_visibility.pipeline.result import NOT_LIMITED, NOT_WANTED, EnhancedImages, FilledStereo
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
@@ -71,7 +71,7 @@ class Estimators:
         """Whether lamps are more probable than daylight."""
         return self.lamps(first) > 0.5
 
-    def light_by_range(self, shape: tuple[int, int]) -> DirectLight | None:
+    def light_by_range(self, shape: tuple[int, int]) -> Array | None:
         """Direct light of the lamps over range; None unless they may light the scene alone."""
         if self.by_lamps is None or self._model == "both":
             return None

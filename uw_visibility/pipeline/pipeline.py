@@ -17,15 +17,13 @@ import numpy as np
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.enhancement.white_balance import RestorationWater
+from uw_visibility.enhancement.radiance import RestorationWater
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Image, Mask, RangeMap
+from uw_visibility.images.arrays import Array, Image, Mask, RangeMap
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import check_pair, check_valid
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.images.vignetting import FlatFieldCorrection
-from uw_visibility.optics.lamps import DirectLight
-from uw_visibility.optics.light_model import scene_light_of
 from uw_visibility.pipeline.enhancement import ImageEnhancement
 from uw_visibility.pipeline.first_step import CoarseEstimate, FirstStep
 from uw_visibility.pipeline.lamps import Estimators, LampEnhancement
@@ -81,7 +79,7 @@ class Pipeline:
         self._by_lamps = (
             None if self._estimators.by_lamps is None
             else LampEnhancement(rig, self.config, self._workers))
-        self._steps: tuple[FirstStep, SecondStep, DirectLight | None] | None = None
+        self._steps: tuple[FirstStep, SecondStep, Array | None] | None = None
         self._shape: tuple[int, int] | None = None
         self._lock = threading.Lock()
 
@@ -233,9 +231,7 @@ class Pipeline:
         transfer = self.config.camera.transfer
         return StereoViews(View.of(left, transfer, valid, chroma), View.of(right, transfer))
 
-    def _steps_for(
-        self, shape: tuple[int, int]
-    ) -> tuple[FirstStep, SecondStep, DirectLight | None]:
+    def _steps_for(self, shape: tuple[int, int]) -> tuple[FirstStep, SecondStep, Array | None]:
         """Both steps for a size, and the direct light of lamps over range, if any."""
         if self._steps is None or self._shape != shape:
             self._steps = (
@@ -303,7 +299,7 @@ class Pipeline:
             return RestorationWater(
                 np.where(missing, first.attenuation, water.attenuation),
                 np.where(missing, first.ambient_light, water.ambient_light),
-                np.where(missing, scene_light_of(first), scene_light_of(water)),
+                np.where(missing, first.scene_light, water.scene_light),
                 np.where(missing, first.ambient_light_stddev, water.ambient_light_stddev))
         assert self._estimators.by_daylight is not None
         found = self._estimators.by_daylight.estimate_grey_view(
@@ -332,4 +328,4 @@ def _bridge(
     if known is None or np.isnan(known.attenuation[unseen]).any():
         return restoring
     return RestorationWater(
-        known.attenuation, known.ambient_light, scene_light_of(known), known.ambient_light_stddev)
+        known.attenuation, known.ambient_light, known.scene_light, known.ambient_light_stddev)

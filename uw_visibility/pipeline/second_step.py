@@ -214,7 +214,7 @@ class SecondStep:
                     self._workers, view.low_frequency_noise)
             else:
                 scale.contrast[side].restore_lit(
-                    view.pixels, ranges, *lamps, self._workers, view.low_frequency_noise)
+                    view.pixels, ranges, lamps, self._workers, view.low_frequency_noise)
             scale.matcher.describe_view(side, scale.contrast[side])
 
         self._workers.together(

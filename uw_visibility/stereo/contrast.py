@@ -20,6 +20,7 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import Array, Image, RangeMap
 from uw_visibility.images.noise import noise_stddev
+from uw_visibility.optics.lamps import RANGES
 from uw_visibility.optics.light_model import transmission
 from uw_visibility.stereo import denoising
 from uw_visibility.stereo.denoising import ROUNDING
@@ -123,23 +124,22 @@ class ContrastNormalizer:
         self,
         image: Image,
         range_map: RangeMap,
-        ranges: Array,
         direct: Array,
         workers: Workers,
         noise: Array | None = None,
     ) -> None:
         """Set `grey` to the mix of channels with least noise, and `gain` to undo lamps' falloff.
 
-        `direct` (3, R) is the light of surfaces at `ranges` (R,), m, that reaches the camera, in
-        any unit: at a typical range contrast is stretched `_FAR_GAIN` times as much as that of a
+        `direct` (3, R) is the light of surfaces at `RANGES` that reaches the camera, in any unit:
+        at a typical range contrast is stretched `_FAR_GAIN` times as much as that of a
         raw image. See `restore`.
         """
         typical, farthest = _typical_and_farthest(range_map)
-        weights = np.array([np.interp(typical, ranges, channel) for channel in direct])
+        weights = np.array([np.interp(typical, RANGES, channel) for channel in direct])
         weights /= weights.sum()
         self._mix(image, weights, workers)
         steps = np.linspace(0.0, farthest, _TABLE)
-        falloff = np.exp(np.interp(steps, ranges, np.log(weights @ direct)))
+        falloff = np.exp(np.interp(steps, RANGES, np.log(weights @ direct)))
         falloff /= np.interp(typical, steps, falloff)
         gain = self._raw_gain(image) * np.maximum(_FAR_GAIN / falloff, 1.0)
         self._set_gain(np.minimum(_FINE * gain, self._max_gain(image)), farthest, range_map)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
-from uw_visibility.enhancement.radiance import Restorer
+from uw_visibility.enhancement.radiance import RestorationWater, Restorer
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, DisparityMap, Image8, Map, RangeMap
 from uw_visibility.images.view import StereoViews, View
@@ -254,7 +254,9 @@ def first_enhancement(
         StereoViews(View.of(left, transfer), View.of(right, transfer)), StageClock())
     pyramid = Pyramid(shape[1] // first.disparity.shape[1], shape)
     ranges = rig.range_from_disparity(pyramid.upsample_disparity(first.disparity))
-    enhanced, _ = Restorer(config.enhancement, transfer, workers).restore(left, ranges, first.water)
+    water = RestorationWater(
+        first.water.attenuation, first.water.ambient_light, first.water.scene_light)
+    enhanced, _ = Restorer(config.enhancement, transfer, workers).restore(left, ranges, water)
     return np.asarray(enhanced)
 
 
