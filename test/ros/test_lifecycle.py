@@ -130,6 +130,9 @@ def test_lifecycle(manage: Callable[[str], Managed], parts: Any) -> None:
         paused = client.publish(*parts)
         time.sleep(0.5)
         assert not client.has("disparity", silent) and not client.has("disparity", paused)
+        for part in ("input", "pipeline", "plausibility"):
+            status = client.diagnosed(part, "the node is not active: activate it")
+            assert status.level == DiagnosticStatus.WARN
         assert managed.change(CLEANUP)
         assert managed.state == UNCONFIGURED
         client.wait(

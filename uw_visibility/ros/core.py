@@ -184,7 +184,8 @@ class NodeCore:
             "plausibility": self._depth.diagnose(),
         }
         if since is None:
-            findings["input"] = Finding(WARN, reason, findings["input"].values)
+            # Somebody wants it so: no part has failed.
+            findings = {part: Finding(WARN, reason, f.values) for part, f in findings.items()}
         if resting:
             for part in ("pipeline", "plausibility"):
                 findings[part] = Finding(OK, RESTING, findings[part].values)
