@@ -52,19 +52,8 @@ def refine(
     the grey image within each window. Windows without data use the next coarser grid, up to the
     whole image.
 
-    Parameters
-    ----------
-    coarse : (H, W) float32 ndarray
-        Disparity, px; NaN where unknown.
-    guide : (H, W, 3) or (H, W) ndarray of uint8 or uint16
-        Image of the same view.
-    config : EnhancementConfig, optional
-        Radius and smoothness of the filter.
-
-    Returns
-    -------
-    (H, W) float32 ndarray
-        Disparity, px, between the smallest and the largest given; all NaN if none is given.
+    `coarse` (H, W) is px, NaN where unknown; `guide` the image of the same view. Returns (H, W),
+    px, between the smallest and the largest given; all NaN if none is given.
     """
     config = config or EnhancementConfig()
     known = np.isfinite(coarse)

@@ -14,21 +14,10 @@ from numpy.typing import NDArray
 def fold(
     values: NDArray[Any], side: int, beyond: float | None = None, how: np.ufunc = np.add
 ) -> NDArray[Any]:
-    """Sum over cells of side² values, or another reduction.
+    """Sum (H, W, ...) over cells of side² values, or reduce them by another ufunc.
 
-    Parameters
-    ----------
-    values : (H, W, ...) ndarray
-    side : int
-        Side of a cell, px.
-    beyond : float, optional
-        Value outside of the border; by default pixels at the border are repeated.
-    how : numpy.ufunc
-        The reduction.
-
-    Returns
-    -------
-    (⌈H/side⌉, ⌈W/side⌉, ...) ndarray
+    Outside of the border values are `beyond`; by default pixels at the border are repeated. Returns
+    (⌈H/side⌉, ⌈W/side⌉, ...).
     """
     height, width = (-(-n // side) for n in values.shape[:2])
     pad = [(0, height * side - values.shape[0]), (0, width * side - values.shape[1])]

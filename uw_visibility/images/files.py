@@ -17,23 +17,11 @@ from uw_visibility.images.encoded import MOST_BYTES, decode
 
 
 def read_image(path: str | Path) -> Image:
-    """Read an image as it is stored: depth and channels are not converted.
+    """Read a PNG, JPEG, TIFF or binary PNM as it is stored, grey (H, W) or RGB (H, W, 3).
 
-    Parameters
-    ----------
-    path : str or Path
-        A PNG, JPEG, TIFF or binary PNM.
-
-    Returns
-    -------
-    ndarray, (H, W) or (H, W, 3), uint8 or uint16
-        The image, RGB if it has colour; a transparency channel is dropped.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is not a complete image of `MOST_PIXELS` or
-        less, or has neither 8 nor 16 bit per channel.
+    Depth, uint8 or uint16, and channels are not converted; a transparency channel is dropped.
+    Raises `InputError` if the file cannot be read, is not a complete image of `MOST_PIXELS` or
+    less, or has neither 8 nor 16 bit per channel.
     """
     content = read_regular(path, MOST_BYTES, "image")
     try:
@@ -48,19 +36,9 @@ def read_image(path: str | Path) -> Image:
 
 
 def write_png(path: str | Path, image: Image) -> None:
-    """Write an image as PNG, without loss.
+    """Write an image, grey (H, W) or RGB (H, W, 3) of uint8 or uint16, as PNG, without loss.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    image : ndarray, (H, W) or (H, W, 3), uint8 or uint16
-        Grey or RGB.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
+    Raises `InputError` if the file cannot be written.
     """
     stored = image if image.ndim == 2 else image[:, :, ::-1]
     _, content = cv2.imencode(".png", np.ascontiguousarray(stored))
@@ -68,19 +46,9 @@ def write_png(path: str | Path, image: Image) -> None:
 
 
 def write_pfm(path: str | Path, values: NDArray[np.float32]) -> None:
-    """Write a map as portable float map.
+    """Write a map (H, W) as portable float map: little endian, bottom row first.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    values : ndarray, (H, W) float32
-        The map; stored in little endian, bottom row first, as the format requires.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
+    Raises `InputError` if the file cannot be written.
     """
     height, width = values.shape
     header = f"Pf\n{width} {height}\n-1.0\n".encode("ascii")

@@ -105,24 +105,10 @@ def jpeg_chroma(data: bytes) -> ChromaImage | None:
 
 
 def file_chroma(path: str | Path, pixels: NDArray[Any]) -> ChromaImage | None:
-    """Read the chroma of the file that an image was read from.
+    """Read the chroma of the file, of any format, that an image (H, W, 3) or (H, W) was read from.
 
-    Parameters
-    ----------
-    path : str or Path
-        File of any image format.
-    pixels : ndarray
-        ``(H, W, 3)`` or ``(H, W)``, the image read from it.
-
-    Returns
-    -------
-    ChromaImage or None
-        None where the pixels are to be used instead, see `jpeg_chroma`.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
+    None where the pixels are to be used instead, see `jpeg_chroma`. Raises `InputError` if the file
+    cannot be read.
     """
     if pixels.ndim == 2:
         return None

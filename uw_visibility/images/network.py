@@ -75,26 +75,13 @@ class Network:
     (`NetworkConfig.large_images`); smaller ones are padded at the right and lower border by
     replication.
 
-    Parameters
-    ----------
-    config : NetworkConfig
-        The model's parameters.
-    section : str
-        Section of these parameters, for messages.
-    images : int
-        Number of input images: 2 for the disparity map of a pair, 1 for a restored image.
-    shape : tuple of int
-        Height and width of the images, px.
-    threads : int
-        Number of CPU threads.
-    disparity : int, optional
-        Largest disparity, px: a strip of this width at the left border of a left tile is not in
-        the right tile.
+    `section` is that of the parameters, for messages; `images` the number of input images: 2 for
+    the disparity map of a pair, 1 for a restored image; `shape` their height and width, px;
+    `threads` the number of CPU threads; `disparity` the largest one, px: a strip of this width at
+    the left border of a left tile is not in the right tile.
 
-    Raises
-    ------
-    InputError
-        If onnxruntime is missing, or the model is unsuitable; `NetworkError` if it cannot be run.
+    Raises `InputError` if onnxruntime is missing, or the model is unsuitable; `NetworkError` if it
+    cannot be run.
     """
 
     def __init__(
@@ -130,22 +117,11 @@ class Network:
         return 1.0 if self._tiles else self._shape[1] / self._inner[1]
 
     def run(self, *images: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Run the network.
+        """Run the network on images (H, W, C), 0..1, with `channels`.
 
-        Parameters
-        ----------
-        *images : (H, W, C) float32 ndarray
-            0..1, with `channels`.
-
-        Returns
-        -------
-        (H, W) or (H, W, 3) float32 ndarray
-            The network's map of a pair, in its own px, or the restored image, 0..1; finite.
-
-        Raises
-        ------
-        NetworkError
-            If it fails, takes too long, or returns another type or shape, or NaN or infinity.
+        Returns the network's map of a pair, (H, W), in its own px, or the restored image, 0..1,
+        (H, W, 3); finite. Raises `NetworkError` if it fails, takes too long, or returns another
+        type or shape, or NaN or infinity.
         """
         if self._inner == self._shape:
             return self._run(*images)

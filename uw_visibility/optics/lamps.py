@@ -89,16 +89,10 @@ class LampTables(NamedTuple):
     def field(
         self, attenuation: Array, power: Array, scattering: Array, daylight: Array, veil: Array,
     ) -> LightField:
-        """Light of the lamps, and of daylight beside them, in water.
+        """Light of the lamps, and of daylight beside them, in water of attenuation β, (3,), 1/m.
 
-        Parameters
-        ----------
-        attenuation : (3,) float64 ndarray
-            β, 1/m.
-        power, scattering : (3,) float64 ndarray
-            P: irradiance of white at 1 m of a lamp of relative power 1; the factor of S.
-        daylight, veil : (3,) float64 ndarray
-            W and B of daylight.
+        `power` P (3,) is the irradiance of white at 1 m of a lamp of relative power 1, `scattering`
+        (3,) the factor of S; `daylight` and `veil` (3,) are W and B of daylight.
         """
         log_direct, log_scattered = self.at(attenuation)
         direct = np.exp(log_direct) * _of_channels(power)
@@ -162,16 +156,9 @@ def tabulate(
 ) -> LampTables:
     """Tabulate the light of lamps for a camera; the last tables are cached.
 
-    Parameters
-    ----------
-    rays_at : callable
-        Gives unit directions, (Y, X, 3), through a grid of columns and rows, px.
-    shape : tuple of int
-        Height and width of the images, px.
-    lamps : tuple of Lamp
-        In the left camera's frame, to whose axes the camera's are parallel.
-    eye : tuple of float
-        The camera's position in that frame, m.
+    `rays_at` gives unit directions, (Y, X, 3), through a grid of columns and rows, px; `shape` is
+    height and width of the images, px. `lamps` are in the left camera's frame, to whose axes the
+    camera's are parallel, and `eye` is the camera's position in it, m.
     """
     columns, rows = np.linspace(0.0, shape[1] - 1, COLUMNS), np.linspace(0.0, shape[0] - 1, ROWS)
     directions = rays_at(columns, rows).reshape(-1, 3)

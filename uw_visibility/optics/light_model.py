@@ -49,25 +49,11 @@ def attenuate(
     radiance: NDArray[np.floating], range_map: NDArray[np.floating], attenuation: ArrayLike,
     ambient_light: ArrayLike, scene_light: ArrayLike | None = None,
 ) -> NDArray[np.float32]:
-    """Image of a scene through the water, as irradiance (eq. 1).
+    """Image of a scene through the water, as irradiance (eq. 1), (H, W, 3); NaN where the range is.
 
-    Parameters
-    ----------
-    radiance : (H, W, 3) ndarray of float
-        Normalised radiance ρ of the scene, 0..1.
-    range_map : (H, W) ndarray of float
-        Range d along the line of sight, m; inf where there is only water.
-    attenuation : (3,) array_like
-        β for R, G, B, 1/m.
-    ambient_light : (3,) array_like
-        I∞ for R, G, B, the veil B.
-    scene_light : (3,) array_like, optional
-        Light W on the scene, greater than 0; I∞ by default.
-
-    Returns
-    -------
-    (H, W, 3) float32 ndarray
-        NaN where the range is NaN.
+    `radiance` ρ (H, W, 3) is normalised, 0..1; `range_map` d (H, W) along the line of sight, m, inf
+    where there is only water; `attenuation` β (3,), 1/m; `ambient_light` I∞ (3,) the veil B, and
+    `scene_light` (3,), greater than 0, the light W on the scene, I∞ by default.
     """
     # With β = 0, an infinite range would give NaN instead of ambient light.
     rate = np.maximum(np.asarray(attenuation, np.float32), np.float32(1e-12))
@@ -81,11 +67,7 @@ def attenuate(
 def visibility_distance(attenuation: float, contrast: float) -> float:
     """Distance, m, at which a white patch next to a black one is no longer visible (eq. 12).
 
-    Parameters
-    ----------
-    attenuation : float
-        β of the clearest channel, 1/m.
-    contrast : float
-        Smallest contrast C that an observer distinguishes.
+    `attenuation` is β of the clearest channel, 1/m, `contrast` the smallest C that an observer
+    distinguishes.
     """
     return math.log((1 - contrast) / (2 * contrast) + 1) / attenuation

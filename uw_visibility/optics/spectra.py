@@ -50,21 +50,12 @@ class CameraResponse:
 
 
 def load_response(name_or_path: str | Path) -> CameraResponse:
-    """Load a camera's spectral response.
+    """Load a camera's spectral response: a shipped table (`response_names`), or a CSV file.
 
-    Parameters
-    ----------
-    name_or_path : str or Path
-        Name of a shipped table (see `response_names`), or path of a CSV file
-        with the columns ``wavelength_nm, red, green, blue``; lines that begin
-        with ``#`` are comments.
-
-    Raises
-    ------
-    InputError
-        If there is neither such a name nor such a file, or the file does not
-        hold a response: two rows or more, rising wavelengths that overlap
-        200-800 nm, no negative value, and a response in every channel.
+    The file has the columns ``wavelength_nm, red, green, blue``; lines that begin with ``#`` are
+    comments. Raises `InputError` if there is neither such a name nor such a file, or the file does
+    not hold a response: two rows or more, rising wavelengths that overlap 200-800 nm, no negative
+    value, and a response in every channel.
     """
     name = str(name_or_path)
     known = response_names()

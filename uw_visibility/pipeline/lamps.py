@@ -32,14 +32,9 @@ USUAL_PARTICLES = 0.1
 
 
 class Estimators:
-    """Estimators of the water by daylight and under lamps (`lighting.model`).
+    """Estimators of the water by `lighting.model`.
 
-    Attributes
-    ----------
-    by_daylight : WaterEstimator or None
-        None if `lighting.model` says that lamps light the scene.
-    by_lamps : LampEstimator or None
-        None if `lighting.model` is daylight.
+    `by_daylight` is None if lamps light the scene, `by_lamps` if none do.
     """
 
     def __init__(self, config: PipelineConfig, assessor: Assessor, rig: StereoRig) -> None:

@@ -210,10 +210,7 @@ class Pipeline:
     def allocate(self, shape: tuple[int, int]) -> None:
         """Allocate memory for images of a height and width, px.
 
-        Raises
-        ------
-        InputError
-            If pairs of that size cannot be processed with these parameters.
+        Raises `InputError` if pairs of that size cannot be processed with these parameters.
         """
         with self._lock:
             self._flat_field.allocate(shape)

@@ -96,18 +96,13 @@ class ContrastNormalizer:
         """Set `grey` to the mix of channels with least noise, and `gain` to undo attenuation.
 
         A channel's contrast is that of the scene times I exp(-attenuation x d). Weights
-        proportional to it, at a typical range, minimise the noise of the restored mix. They are
-        the same for all pixels, since varying weights would make edges.
+        proportional to it, at a typical range, minimise the noise of the restored mix. They are the
+        same for all pixels, since varying weights would make edges.
 
-        Parameters
-        ----------
-        image, workers, noise
-            See `stretch`; RGB.
-        range_map : (h, w) float32 ndarray
-            m; its size is that of the image, or a whole multiple or fraction of it. Where it is
-            unknown (not finite), the gain is that of the farthest range.
-        attenuation, ambient_light : (3,) float64 ndarray
-            1/m, and irradiance 0..1; channels with NaN are left out. At least one is known.
+        `range_map` (h, w), m, has the size of the image, RGB, or a whole multiple or fraction of
+        it; where it is unknown (not finite), the gain is that of the farthest range. Channels with
+        NaN in `attenuation` (3,), 1/m, or `ambient_light` (3,), 0..1, are left out; one is known at
+        least. See `stretch`.
         """
         attenuation, ambient_light = _known(attenuation, ambient_light)
         typical, farthest = _typical_and_farthest(range_map)

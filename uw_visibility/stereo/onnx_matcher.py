@@ -111,28 +111,17 @@ def _difference(left: DisparityMap, right: DisparityMap) -> NDArray[np.float32]:
 def rate_difference(
     difference: NDArray[np.float32], tolerance: float, searched: float
 ) -> tuple[float, NDArray[np.float32]]:
-    """Standard deviation and confidence of disparities, from the difference of the two views.
+    """Standard deviation, px, and confidence (H, W) of disparities, from those of the two views.
 
-    A mixture model: the two disparities of a correct match have independent normal errors, those
-    of a mismatch differ uniformly within the searched range. Errors that both views share make no
+    A mixture model: the two disparities of a correct match have independent normal errors, those of
+    a mismatch differ uniformly within the searched range. Errors that both views share make no
     difference: the standard deviation is at least `DISPARITY_STDDEV`, and the confidence of a
-    network with the same errors in both views is too high.
+    network with the same errors in both views is too high. Confidence is the probability of an
+    error within 1 px; 0 where there is no match.
 
-    Parameters
-    ----------
-    difference : (H, W) float32 ndarray
-        Left minus right disparity, px; NaN where one of them is unknown.
-    tolerance : float
-        Largest difference of a match, px.
-    searched : float
-        Largest minus smallest disparity, px.
-
-    Returns
-    -------
-    stddev : float
-        Standard deviation of a matched disparity, px.
-    confidence : (H, W) float32 ndarray
-        Probability of an error within 1 px; 0 where there is no match.
+    `difference` (H, W) is left minus right disparity, px, NaN where one of them is unknown;
+    `tolerance` the largest of a match, px, and `searched` the largest minus the smallest disparity,
+    px.
     """
     size = np.abs(difference)
     agree = size <= tolerance

@@ -60,13 +60,8 @@ def reduce_to_blocks(
 ) -> Blocks:
     """Average irradiance and range over blocks of pixels.
 
-    Parameters
-    ----------
-    samples : ColourSamples
-    range_map : (H, W) ndarray of float
-        Range along the line of sight, m, of each sample; NaN where unknown.
-    valid : (H, W) bool ndarray or None
-        Samples that count.
+    `range_map` (H, W) is the range along the line of sight, m, of each sample, NaN where unknown;
+    `valid` (H, W) are the samples that count, None for all.
     """
     return with_ranges(without_ranges(samples, valid), range_map)
 

@@ -160,13 +160,8 @@ def one_sigma(values: Array, weight: Array) -> Array:
 def overall_status(channels: Sequence[Status]) -> Status:
     """Status of an estimate from those of its channels.
 
-    Channels without light, such as red below some 10 m, do not count.
-
-    Returns
-    -------
-    Status
-        TOO_DARK where all channels are, else OK where all that are lit are, else the first
-        reason why one of these is not.
+    Channels without light, such as red below some 10 m, do not count: TOO_DARK where all are, else
+    OK where all others are, else the first reason why one of these is not.
     """
     lit = [status for status in channels if status is not Status.TOO_DARK]
     if not lit:

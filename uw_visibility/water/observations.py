@@ -90,16 +90,8 @@ class Envelopes:
 def observe(blocks: Blocks, range_error: float = 0.0) -> Envelopes:
     """Bin blocks by range and take the envelopes of each bin and channel (eq. 4-5).
 
-    Parameters
-    ----------
-    blocks : Blocks
-    range_error : float
-        Standard deviation of range over its square, 1/m; 0 for exact ranges.
-
-    Returns
-    -------
-    Envelopes
-        May have no bin.
+    `range_error` is the standard deviation of range over its square, 1/m; 0 for exact ranges. There
+    may be no bin.
     """
     near, order = known_ranges(blocks)
     counted = np.isfinite(blocks.light[..., 0])

@@ -130,8 +130,8 @@ def level(
 
     Between the halves of open water B changes by B_1 a row; before surfaces by B_1 v (1 − e^(−βd)),
     with the β that fits the tiles best with that veil. What looks like open water may be a smooth
-    surface that was not matched: where the tiles fit worse with that veil, it is ignored. For the
-    arrays see `curves`.
+    surface that was not matched: where the tiles fit worse with that veil, it is ignored. The
+    arrays are those of `Statistics`.
     """
     distance = np.exp(of_image[..., RANGES])
     probability = of_channels[..., IS_WATER, np.newaxis]
@@ -164,21 +164,10 @@ def curves(
     of_bins: NDArray[np.floating], of_tiles: NDArray[np.floating],
     of_channels: NDArray[np.floating], of_image: NDArray[np.floating],
 ) -> NDArray[np.float32]:
-    """Fit the statistics over range for each attenuation of a grid.
+    """Fit `Statistics` over range for each attenuation of a grid: (..., 3, OF_CURVES).
 
-    Parameters
-    ----------
-    of_bins : (..., 3, BINS, OF_BIN) float32 ndarray
-    of_tiles : (..., 5, TILES, BINS) float32 ndarray
-    of_channels : (..., 3, OF_CHANNEL) float32 ndarray
-    of_image : (..., OF_IMAGE) float32 ndarray
-        See `Statistics`.
-
-    Returns
-    -------
-    (..., 3, OF_CURVES) float32 ndarray
-        Statistics of the bins and what was taken away, see `level`; logarithms of residuals and of
-        veils over the grid, where residuals are least, and the decay of contrast.
+    Statistics of the bins and what was taken away, see `level`; logarithms of residuals and of
+    veils over the grid, where residuals are least, and the decay of contrast.
     """
     distance = np.exp(of_image[..., RANGES])
     of_bins, of_tiles, seen, slope = level(of_bins, of_tiles, of_channels, of_image)

@@ -71,15 +71,9 @@ _Picture = tuple[Blocks, Callable[[], Appearance], ColourBalance]
 class WaterEstimator:
     """Estimator of the water's state by daylight; one instance may serve several threads.
 
-    Parameters
-    ----------
-    config : WaterConfig
-    clear_water_attenuation : (3,) array_like
-        κ of the camera, 1/m.
-    daylight : Daylight, optional
-        Prior of the colour of the ambient light, with one light for veil and scene.
-    network : Network, optional
-        Network that infers the posterior; that of the package by default.
+    `clear_water_attenuation` is κ of the camera, (3,), 1/m; `daylight` the prior of the light's
+    colour, for one light of veil and scene; `network` infers the posterior, by default that of the
+    package.
     """
 
     def __init__(
@@ -98,14 +92,9 @@ class WaterEstimator:
     ) -> WaterEstimate:
         """Estimate attenuation, veil and light.
 
-        Parameters
-        ----------
-        view : View
-        range_map : (H, W) ndarray of float
-            Range along the line of sight, m; NaN where unknown.
-        range_error : float
-            Standard deviation of range over its square, 1/m, see `StereoRig.range_error`; 0 for
-            exact ranges. Measured ranges that are passed as exact bias the attenuation.
+        `range_map` (H, W) is the range along the line of sight, m, NaN where unknown, `range_error`
+        its standard deviation over its square, 1/m, see `StereoRig.range_error`: measured ranges
+        that are passed as exact, 0, bias the attenuation.
         """
         colour = view.colour
         if colour is None:

@@ -192,10 +192,7 @@ def _components(outputs: Array, logits: Array) -> tuple[Array, Array, Array]:
 def load(path: Path) -> Network:
     """Read networks from an .npz file; nothing in it is run.
 
-    Raises
-    ------
-    InputError
-        If the file is none, or holds no networks of this form.
+    Raises `InputError` if the file is none, or holds no networks of this form.
     """
     try:
         with np.load(path, allow_pickle=False) as data:

@@ -93,25 +93,11 @@ def fit_one_light(
     posterior: Posterior, envelope: Envelopes, seen: Mask, daylight: Daylight | None,
     daylight_tolerance: float,
 ) -> tuple[Array, Array]:
-    """Fit β and B = W to the dark envelope, from the posterior.
+    """Fit β, 1/m, and B = W to the dark envelope, from the posterior: (3, 2).
 
-    Parameters
-    ----------
-    posterior : Posterior
-    envelope : Envelopes
-    seen : (3,) bool ndarray
-        Channels whose envelope counts.
-    daylight : Daylight or None
-        None for no prior of colour.
-    daylight_tolerance : float
-        Standard deviation of the logarithms of the ambient lights about those of daylight.
-
-    Returns
-    -------
-    parameters : (3, 2) float64 ndarray
-        β, 1/m, and B of each channel.
-    covariance : (6, 6) float64 ndarray
-        Of the same, channel by channel.
+    Also returns their covariance, (6, 6), channel by channel. `seen` (3,) are the channels whose
+    envelope counts, `daylight` None for no prior of colour, `daylight_tolerance` the standard
+    deviation of the logarithms of the ambient lights about those of daylight.
     """
     expected, spread = _with_one_light(posterior)
     least = np.full(3, -np.inf)

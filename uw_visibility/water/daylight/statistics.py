@@ -152,15 +152,8 @@ def summarise(
 ) -> Statistics | None:
     """Summarise an image and its ranges; None where too few ranges are known.
 
-    Parameters
-    ----------
-    blocks : Blocks
-    range_error : float
-        Standard deviation of range over its square, 1/m.
-    clear_water : (3,) float64 ndarray
-        κ, 1/m.
-    appearance : callable, optional
-        Returns `appearance_of` the blocks' light, if computed before.
+    `range_error` is the standard deviation of range over its square, 1/m, `clear_water` κ, (3,),
+    1/m; `appearance` returns `appearance_of` the blocks' light, if computed before.
     """
     near, order = known_ranges(blocks)
     if len(order) < FEWEST_BLOCKS:

@@ -132,19 +132,10 @@ class _Model:
 def calibrate_lamps(
     frames: Sequence[Sightings], guesses: Sequence[Sequence[Lamp]]
 ) -> LampCalibration:
-    """Fit places, axes and beams of lamps to points seen at many ranges.
+    """Fit places, axes and beams of lamps to points seen at many ranges, in the order of time.
 
-    Parameters
-    ----------
-    frames : sequence of Sightings
-        In the order of time.
-    guesses : sequence of sequence of Lamp
-        Rigs to start from; the one that fits best is taken.
-
-    Raises
-    ------
-    InputError
-        If there are too few sightings, ranges are too alike, or places stay uncertain.
+    `guesses` are rigs to start from, of which the one that fits best is taken. Raises `InputError`
+    if there are too few sightings, ranges are too alike, or places stay uncertain.
     """
     cells, group = track_fit.pool_tracks(frames, MOST_CELLS)
     total = len(cells.range)

@@ -167,10 +167,7 @@ class Details(NamedTuple):
 def details_of(frames: Sequence[Indices]) -> Details:
     """Differences within frames, and between frames in the order of time.
 
-    Parameters
-    ----------
-    frames : sequence of (N, 2) int64 ndarray
-        `Nodes.place` of each; nodes are numbered through all frames.
+    `frames` are `Nodes.place` of each; nodes are numbered through all frames.
     """
     rows: list[Row] = []
     first, levels = 0, 0

@@ -147,15 +147,8 @@ def infer(
 ) -> LampPosterior | None:
     """Infer attenuation from the nodes of frames in the order of time; None with too few nodes.
 
-    Parameters
-    ----------
-    frames : sequence of Nodes
-    lighting : LightingConfig
-        The lamps; with `model` ``both`` the posterior is summed over depths of daylight.
-    clear_water : (3,) float64 ndarray
-        κ, 1/m.
-    seen : (3,) bool ndarray
-        Channels among which the clearest one is sought.
+    With `lighting.model` ``both`` the posterior is summed over depths of daylight. `clear_water` is
+    κ, (3,), 1/m; among the channels `seen`, (3,), the clearest one is sought.
     """
     if sum(len(nodes.range) for nodes in frames) < FEWEST_NODES:
         return None

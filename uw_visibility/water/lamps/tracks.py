@@ -141,12 +141,8 @@ REDUCED_WIDTH = 240
 class PointTracker:
     """Tracks points of the ground from frame to frame (Lucas and Kanade 1981).
 
-    Parameters
-    ----------
-    first : int
-        Number of the first track.
-    apart : float
-        Least distance of the points, over the image's width.
+    `first` is the number of the first track, `apart` the least distance of points over the image's
+    width.
     """
 
     def __init__(self, first: int = 0, apart: float = CLOSE) -> None:

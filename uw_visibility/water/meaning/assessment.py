@@ -68,15 +68,7 @@ class Visibility:
 class Assessor:
     """Assessment of visibility and depth from an estimate of the water's state.
 
-    Parameters
-    ----------
-    config : PipelineConfig
-        `assessment`, and the response and white of the camera.
-
-    Raises
-    ------
-    InputError
-        If the camera's spectral response cannot be loaded.
+    Raises `InputError` if the camera's spectral response cannot be loaded.
 
     Attributes
     ----------

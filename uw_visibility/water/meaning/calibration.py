@@ -59,20 +59,10 @@ def calibrate(
 ) -> Calibration:
     """Fit the white reference, and choose the water type that fits the depths best.
 
-    Parameters
-    ----------
-    estimates : sequence of WaterEstimate
-        One a frame, in the order of time; those without an estimate of all
-        channels, as in depths without red light, are left out.
-    depths : (N,) array_like
-        Depth of the camera at each frame by a sensor, m, positive down; NaN
-        where there is none.
-    response : CameraResponse
-
-    Raises
-    ------
-    InputError
-        If fewer than ten frames can be used.
+    `estimates` are one a frame, in the order of time; those without an estimate of all channels, as
+    in depths without red light, are left out. `depths` (N,) are the camera's by a sensor, m,
+    positive down; NaN where there is none. Raises `InputError` if fewer than ten frames can be
+    used.
     """
     sensed = np.asarray(depths, dtype=np.float64)
     used = [

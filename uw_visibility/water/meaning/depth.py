@@ -42,29 +42,13 @@ USUAL_DEPTH = 6.0
 
 
 class DepthModel:
-    """Chromaticity of ambient light over depth, γ(z) ∝ white · exp(−K z).
+    """Chromaticity of ambient light over depth, γ(z) ∝ white · exp(−K z), down to `max_depth`, m.
 
-    Parameters
-    ----------
-    water_type : str
-        What K is: ``"clear"`` takes that of clear sea water (eq. 13), the name of
-        a Jerlov type that type's, and ``"estimated"`` the estimated attenuation β
-        itself (eq. 2).
-    response : CameraResponse
-    white_reference : (3,) array_like
-        The camera's R, G, B of white at the surface; the scale is free.
-    max_depth : float
-        Largest depth considered, m.
-
-    Attributes
-    ----------
-    daylight : Daylight
-        Prior of the ambient light's colour.
-
-    Raises
-    ------
-    InputError
-        If the type is not known.
+    `water_type` says what K is: ``"clear"`` takes that of clear sea water (eq. 13), the name of a
+    Jerlov type that type's, and ``"estimated"`` the estimated attenuation β itself (eq. 2).
+    `white_reference` (3,) is the camera's R, G, B of white at the surface; the scale is free. The
+    attribute `daylight` is the prior of the ambient light's colour. Raises `InputError` if the type
+    is not known.
     """
 
     def __init__(
@@ -104,18 +88,10 @@ class DepthModel:
         """Standard deviation of depth by unknown water type and white balance, m; colour error.
 
         The spread of depths by other types, each weighted by its likelihood for the colour of the
-        light, and the camera's white. Neutral light is the surface's, or of a camera that was
-        balanced at any depth. The colour error is the distance from daylight below the best type,
-        in standard deviations.
-
-        Parameters
-        ----------
-        depth : float
-            As found for the configured type, m.
-        attenuation, attenuation_stddev : (3,) float64 ndarray
-            β and its standard deviation, 1/m: an upper bound of diffuse attenuation K.
-        light : (3,) float64 ndarray
-            Light on the scene.
+        `light` on the scene, (3,), and the camera's white. β, (3,), 1/m, is an upper bound of
+        diffuse attenuation K, `depth` that of the configured type, m. Neutral light is the
+        surface's, or of a camera that was balanced at any depth. The colour error is the distance
+        from daylight below the best type, in standard deviations.
         """
         own = attenuation if self._rate is None else self._rate
         # Water that takes light without scattering it is of no type: its K is β (eq. 2).
@@ -165,14 +141,8 @@ class DepthModel:
         """Depth whose chromaticity is nearest that of the ambient light, and its deviation, m.
 
         The deviation is by propagation of I∞ and, where it is K, of β; infinite where the
-        chromaticity does not tell the depth.
-
-        Parameters
-        ----------
-        attenuation, ambient_light : (C,) float64 ndarray
-            β, 1/m, and I∞ of the model's channels, all finite.
-        covariance : (2 C, 2 C) float64 ndarray
-            Of β and I∞ by turns.
+        chromaticity does not tell the depth. β, 1/m, and I∞ are those of the model's channels,
+        (C,), all finite; `covariance` (2 C, 2 C) is of β and I∞ by turns.
         """
         total = ambient_light.sum()
         chromaticity = ambient_light / total
@@ -215,10 +185,7 @@ class DepthModel:
 def diffuse_attenuation(water_type: str, response: CameraResponse) -> Array:
     """Diffuse attenuation K of clear water or of a Jerlov type, (3,) 1/m.
 
-    Raises
-    ------
-    InputError
-        If the type is not known.
+    Raises `InputError` if the type is not known.
     """
     if water_type == CLEAR:
         return clear_water_attenuation(response)

@@ -69,26 +69,12 @@ class WaterTracker:
         self._stamp = -math.inf
 
     def update(self, estimate: WaterEstimate, stamp_seconds: float) -> WaterEstimate:
-        """Update the state by one frame's estimate.
+        """Return the state, updated by the estimate of one frame alone.
 
-        Parameters
-        ----------
-        estimate : WaterEstimate
-            Of this frame alone. A channel that is not assessable is predicted.
-        stamp_seconds : float
-            Time of the frame, s. A stamp that is not later than the last one, or
-            later by more than the timeout, restarts the filter.
-
-        Returns
-        -------
-        WaterEstimate
-            The filtered state, with the frame's `envelope`, `bins` and `iterations`. A channel not
-            seen for longer than the timeout is not assessable, for the frame's reason.
-
-        Raises
-        ------
-        InputError
-            If the stamp is not finite.
+        A channel that is not assessable is predicted; one not seen for longer than the timeout
+        becomes not assessable, for the frame's reason. A stamp, s, that is not later than the last
+        one, or later by more than the timeout, restarts the filter. `envelope`, `bins` and
+        `iterations` are the frame's. Raises `InputError` if the stamp is not finite.
         """
         if not math.isfinite(stamp_seconds):
             raise InputError(f"the stamp of the frame is {stamp_seconds}: give a time in seconds")
