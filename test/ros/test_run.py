@@ -120,13 +120,21 @@ def run_python(code: str) -> tuple[str, str, int]:
     return ended.stdout, ended.stderr, ended.returncode
 
 
-def test_wrong_type_of_a_parameter_of_rclpy_is_one_sentence_and_exit_code_2() -> None:
-    arguments = ["--ros-args", "-p", "use_sim_time:=hello"]
+@pytest.mark.parametrize(("arguments", "message"), [
+    (
+        ["--ros-args", "-p", "use_sim_time:=hello"],
+        "'use_sim_time' to 'hello' of type 'STRING', expecting type 'BOOL'",
+    ),
+    (["--params-file", "my.yaml"], "--params-file: ROS arguments follow --ros-args"),
+    (["--ros-args", "-p", "use_sim_time:=true", "--", "rectify:=1"], "unknown argument rectify:=1"),
+])
+def test_what_rclpy_does_not_understand_is_one_sentence_and_exit_code_2(
+    arguments: list[str], message: str
+) -> None:
     said, logged, code = run_python(NODE + f"sys.exit(run(Quiet, {arguments}))")
     assert (said, code) == ("", 2)
     (line,) = logged.splitlines()
-    assert line.startswith("uw_visibility: ")
-    assert "'use_sim_time' to 'hello' of type 'STRING', expecting type 'BOOL'" in line
+    assert line.startswith("uw_visibility: ") and message in line
 
 
 def test_signal_ends_a_node_without_timers() -> None:

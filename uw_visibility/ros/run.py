@@ -16,6 +16,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from uw_visibility.compute.memory import keep_freed_memory
 from uw_visibility.errors import LONGEST_MESSAGE, InputError, printable
@@ -103,6 +104,10 @@ def run(make_node: Callable[[], Any], arguments: Sequence[str] | None) -> int:
     except Exception as error:
         return _refuse(error)
     try:
+        # rclpy ignores them, such as parameters without --ros-args.
+        others = remove_ros_args(sys.argv[1:] if arguments is None else list(arguments))
+        if others:
+            raise InputError(f"unknown argument {others[0]}: ROS arguments follow --ros-args")
         node = make_node()
     except (InputError, InvalidParameterTypeException) as error:
         # The latter is of parameters that rclpy declares itself, such as use_sim_time.
