@@ -194,7 +194,12 @@ def test_nothing_assessed_is_said_first_and_why() -> None:
     assert "too dark (1)" in sentences[1]
     assert "%" not in "".join(sentences)
     assert summary.synopsis is not None and summary.synopsis.assessed == 0
-    assert told()[0] == ["There are no frames, so that nothing can be said about the water."]
+    sentences, summary = told()
+    assert sentences == ["There are no frames, so that nothing can be said about the water."]
+    summary.dropped["left image unmatched"] = 4
+    sentences = ["".join(map(str, parts)) for parts in verdict(summary)]
+    assert sentences[1] == "Images that are in no frame: left image unmatched (4)."
+    assert "raise synchronization.tolerance" in sentences[2]
 
 
 def test_a_frame_refused_is_a_share_below_all() -> None:

@@ -289,6 +289,9 @@ def test_a_recording_without_a_frame_is_told_by_empty_files(
         run(bag, tmp_path / "out", "--netcdf", "--parquet")
     assert end.value.code == 1
     assert f"left image unmatched ({FRAMES})" in capsys.readouterr().out
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "raise synchronization.tolerance" in page
+    assert "No frame was compared with it." in page
     with xarray.open_dataset(tmp_path / "out" / "frames.nc") as data:
         assert data.sizes["obs"] == 0
         assert data["reason"].dtype.kind in "OUT"

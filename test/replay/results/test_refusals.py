@@ -74,12 +74,13 @@ def test_a_frame_without_result_lacks_nothing_else() -> None:
         ("the whole frame", "left image is empty", 1, "0")]
 
 
-def test_a_sensor_that_was_not_judged_is_told_without_the_numbers_that_differ() -> None:
+def test_a_sensor_that_was_not_judged_is_told_with_the_range_of_its_numbers() -> None:
     frames = [
-        frame(k, verdict=Verdict.STALE, why=f"no depth_sensor for {k}.5 s") for k in range(3)]
+        frame(k, verdict=Verdict.STALE, why=f"no depth_sensor for {9 + k}.5 s") for k in range(3)]
     frames += [frame(3, verdict=Verdict.WARN, why="sensor +2 m from the estimate")]
     assert told(*frames) == [
-        ("plausibility of the depth sensor", "no depth_sensor for … s", 3, "0-2")]
+        ("plausibility of the depth sensor", "no depth_sensor for 9.5 to 11.5 s", 3, "0-2")]
+    assert told(*frames[1:2])[0][1] == "no depth_sensor for 10.5 s"
 
 
 def test_a_long_recording_is_told_briefly() -> None:

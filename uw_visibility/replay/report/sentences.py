@@ -24,6 +24,9 @@ from uw_visibility.water.meaning.derived import QUANTITIES
 FIRST_DATE = 631_152_000 * 10**9
 # Most reasons in a sentence; the table of refusals has all.
 MOST_REASONS = 3
+UNMATCHED = (
+    "Stamps of left and right differ: trigger both cameras together, or raise "
+    "synchronization.tolerance, to less than half of the time between images.")
 CLOCK_NOT_SET = (
     "The recording's clock was not set: times do not show the time of day.")
 
@@ -47,7 +50,11 @@ def verdict(summary: Summary) -> list[Sentence]:
     if synopsis is None:
         return []
     if not synopsis.frames:
-        return [["There are no frames, so that nothing can be said about the water."]]
+        dropped = ", ".join(f"{why} ({count})" for why, count in summary.dropped.most_common())
+        return [
+            ["There are no frames, so that nothing can be said about the water."],
+            *([[f"Images that are in no frame: {dropped}."]] if dropped else []),
+            *([[UNMATCHED]] if "unmatched" in dropped else [])]
     found = [_seen(synopsis)]
     if synopsis.told:
         found += [_headline(synopsis)] if synopsis.typical else []

@@ -28,6 +28,7 @@ STATUS_COLUMNS = {"water": "status", DISTANCE: "visibility_status",
 # Verdicts on the sensor; others have a reason for no verdict.
 JUDGED = (Verdict.OK, Verdict.WARN, Verdict.ERROR)
 MOST_RUNS = 8
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
 @dataclass(frozen=True)
@@ -44,15 +45,24 @@ class Refusal:
 def refusals(columns: Columns) -> list[Refusal]:
     """Return the refusals in the frames of a table."""
     found: dict[tuple[str, str], list[int]] = {}
+    numbers: dict[tuple[str, str], list[list[str]]] = {}
     reasons: Counter[str] = Counter()
     for place in range(len(columns["frame"])):
         for what, why in _refused(columns, place):
+            told: list[str] = []
+            if what == PLAUSIBILITY:
+                # Frames with the same reason but for its numbers are counted together.
+                told, why = NUMBER.findall(why), NUMBER.sub("…", why)
             if (what, why) not in found:
                 why = why if reasons[what] < MOST_REASONS else FURTHER
                 reasons[what] += 1
             found.setdefault((what, why), []).append(place)
+            numbers.setdefault((what, why), []).append(told)
     together: dict[tuple[str, tuple[int, ...]], list[str]] = {}
     for (what, why), places in found.items():
+        for values in zip(*numbers[what, why], strict=False):
+            ends = dict.fromkeys((min(values, key=float), max(values, key=float)))
+            why = why.replace("…", " to ".join(ends), 1)
         together.setdefault((why, tuple(places)), []).append(what)
     return [
         Refusal(", ".join(names), why, len(places), _frames(places, columns["frame"]))
@@ -87,5 +97,4 @@ def _refused(columns: Columns, place: int) -> Iterator[tuple[str, str]]:
         yield OVER_FRAMES, COLUMNS[column].meaning(value(column))
     verdict = COLUMNS["plausibility"].meaning(value("plausibility"))
     if verdict and verdict not in JUDGED:
-        # Numbers are replaced, so that frames with the same reason are counted together.
-        yield PLAUSIBILITY, re.sub(r"\d+(\.\d+)?", "…", value("plausibility_reason")) or verdict
+        yield PLAUSIBILITY, value("plausibility_reason") or verdict
