@@ -51,10 +51,10 @@ def verdict(summary: Summary) -> list[Sentence]:
         return []
     if not synopsis.frames:
         dropped = ", ".join(f"{why} ({count})" for why, count in summary.dropped.most_common())
-        return [
-            ["There are no frames, so that nothing can be said about the water."],
-            *([[f"Images that are in no frame: {dropped}."]] if dropped else []),
-            *([[UNMATCHED]] if "unmatched" in dropped else [])]
+        texts = ["There are no frames, so that nothing can be said about the water."]
+        texts += [f"Images that are in no frame: {dropped}."] if dropped else []
+        texts += [UNMATCHED] if "unmatched" in dropped else []
+        return [[text] for text in texts]
     found = [_seen(synopsis)]
     if synopsis.told:
         found += [_headline(synopsis)] if synopsis.typical else []
