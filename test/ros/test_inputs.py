@@ -209,6 +209,22 @@ def test_frames_are_not_missed_before_they_are_due(
     assert world.input.silence() == ""
 
 
+def test_slow_camera_is_not_silent_before_its_next_image(
+    make_world: Callable[..., World], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "SILENCE", 1.0)
+    world = make_world()
+    for number in (0, 10, 20):
+        for side in SIDES:
+            world.image(side, number)
+        for _ in range(7):
+            assert world.input.silence() == ""
+            time.sleep(0.1)
+        monkeypatch.setattr(module, "SILENCE", 0.1)
+    time.sleep(1.0)
+    assert "no left/image_rect any more" in world.input.silence()
+
+
 def test_simulated_time_without_a_clock_is_told(make_world: Callable[..., World]) -> None:
     world = make_world(use_sim_time=True)
 

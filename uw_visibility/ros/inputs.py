@@ -26,7 +26,7 @@ from uw_visibility.ros.parameters import NodeParameters
 from uw_visibility.ros.transport import qos
 from uw_visibility.ros.transport.qos import AdaptiveReliabilitySubscription
 
-# Time without messages after which an input counts as stopped, s.
+# Time without messages after which an input counts as stopped, s; twice its period if that is more.
 SILENCE = 5.0
 RECENT_DROPS = RECENT_PAIRS = 10
 # Number of stamps that are remembered, relative to `queue_size`: of a camera that is later than
@@ -78,6 +78,8 @@ class StereoInput:
         self._recent = RecentCounts(SILENCE)
         self._latest_drops: deque[str] = deque(maxlen=RECENT_DROPS)
         self._arrivals: dict[str, float] = {}
+        # Times between the last two messages, s.
+        self._periods: dict[str, float] = {}
         # Stamps of the images since the last frame, in the order of arrival.
         self._stamps: dict[str, deque[int]] = {side: deque() for side in SIDES}
         # Stamps of the last frames, left and right.
@@ -137,11 +139,14 @@ class StereoInput:
             if topic not in self._arrivals:
                 return f"no {topic} yet: {self._describe_publishers(topic)}"
         for topic in self._images:
-            if now - self._arrivals[topic] > SILENCE:
+            if now - self._arrivals[topic] > self._patience(topic):
                 return f"no {topic} any more: {self._describe_publishers(topic)}"
-        if now - self._arrivals.get("frame", 0.0) > SILENCE:
+        if now - self._arrivals.get("frame", 0.0) > self._patience(*self._images):
             return self._explain_drops()
         return ""
+
+    def _patience(self, *topics: str) -> float:
+        return max(SILENCE, *(2.0 * self._periods.get(topic, 0.0) for topic in topics))
 
     def _describe_publishers(self, topic: str) -> str:
         if topic in self._images:
@@ -281,6 +286,8 @@ class StereoInput:
         now, last = time.monotonic(), self._arrivals.get(topic)
         if last is None or (topic in self._images and now - last > SILENCE):
             self._arrivals["frame"] = now
+        if last is not None:
+            self._periods[topic] = now - last
         self._arrivals[topic] = now
 
     def _on_info(self, topic: str, message: CameraInfo) -> None:
