@@ -243,6 +243,20 @@ def test_simulated_time_without_a_clock_is_told(make_world: Callable[..., World]
     world.until(lambda: world.said().level == OK)
 
 
+def test_camera_info_of_before_a_rest_is_used(make_world: Callable[..., World]) -> None:
+    world = make_world()
+    for number in (0, 1):
+        for side in SIDES:
+            world.image(side, number)
+        assert (len(world.frames), world.input.silence()) == (number + 1, "")
+        world.input.rest(True)
+        world.input.rest(False)
+        assert "no left/image_rect yet" in world.input.silence()
+        world.until(lambda: world.input.update_qos() or all(
+            world.publishers[f"{side}/image_rect"].get_subscription_count() == 1
+            for side in SIDES))
+
+
 def test_camera_info_that_was_sent_before_and_kept_is_received(
     make_world: Callable[..., World]
 ) -> None:

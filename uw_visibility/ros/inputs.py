@@ -104,7 +104,9 @@ class StereoInput:
         if resting == self.resting:
             return
         self.resting = resting
-        self._arrivals.clear()
+        # The CameraInfo received before is used again.
+        for topic in self._images:
+            self._arrivals.pop(topic, None)
         if resting:
             self.destroy()
             self.synchronizer.reset()
