@@ -629,8 +629,8 @@ class DepthCheck:
         message = f"{report.verdict}: {report.reason}"
         # Values arrive where only their stamps do not fit.
         if report.reason.startswith("no depth_sensor") and report.reason != OTHER_STAMPS:
-            remedy = "set plausibility.sensor_type"
-            message += f", {describe_publishers(self._node, self._subscription, remedy)}"
+            message += ", " + describe_publishers(
+                self._node, SENSOR_TOPIC, self._subscription, "set plausibility.sensor_type")
         return Finding(LEVELS[report.verdict], message, values)
 
     def _on_sensor(self, message: Any) -> None:

@@ -123,7 +123,7 @@ class StereoInput:
         for image in self._images.values():
             image.update_qos()
         for info, present in list(self._infos.items()):
-            found = qos.offered(self._node, present.topic_name, CameraInfo)
+            found = qos.offered(self._node, info, CameraInfo)
             kept = all((each.durability, each.reliability) == KEPT for each in found)
             if found and kept != (info in self._kept):
                 self._kept ^= {info}
@@ -153,7 +153,7 @@ class StereoInput:
     def _describe_publishers(self, topic: str) -> str:
         if topic in self._images:
             return self._images[topic].describe_publishers()
-        return qos.describe_publishers(self._node, self._infos[topic])
+        return qos.describe_publishers(self._node, topic, self._infos[topic])
 
     def _explain_drops(self) -> str:
         """Return why the images that arrive make no stereo frames."""

@@ -203,6 +203,16 @@ def test_publisher_that_is_not_heard_is_named_with_its_reason(
     )
 
 
+def test_topics_that_are_exchanged_by_remapping_are_not_mixed_up(
+    make_world: Callable[..., World]
+) -> None:
+    world = make_world("--ros-args", "-r", "listener:info:=other", "-r", "listener:other:=info")
+    world.speaker.create_publisher(CameraInfo, "other", QoSProfile(depth=10, reliability=RELIABLE))
+    world.until(lambda: world.subscription.describe_publishers() == (
+        "/other has 1 publisher, from which nothing arrives"))
+    world.adapt("reliable")
+
+
 def test_publisher_of_another_type_is_named_and_not_followed(
     make_world: Callable[..., World]
 ) -> None:

@@ -76,18 +76,24 @@ def subscribe_to(
 
 
 def offered(node: Node, topic: str, kind: type) -> list[QoSProfile]:
-    """Return the QoS of a topic's publishers of a type; from others nothing arrives."""
+    """Return the QoS of a topic's publishers of a type; from others nothing arrives.
+
+    topic: name before remapping, which rclpy applies to it.
+    """
     publishers = node.get_publishers_info_by_topic(topic)
     return [info.qos_profile for info in publishers if info.topic_type == type_name(kind)]
 
 
-def describe_publishers(node: Node, subscription: Any, remedy: str = "remap the topic") -> str:
+def describe_publishers(
+    node: Node, topic: str, subscription: Any, remedy: str = "remap the topic"
+) -> str:
     """Describe the publishers of a subscription's topic, and any mismatch of type or QoS.
 
+    topic: name before remapping, which rclpy applies to it.
     remedy: what to do if messages have another type.
     """
     name = subscription.topic_name
-    publishers = node.get_publishers_info_by_topic(name)
+    publishers = node.get_publishers_info_by_topic(topic)
     if not publishers:
         return f"{name} has no publisher"
     text = f"{name} has {len(publishers)} publisher{'s' * (len(publishers) > 1)}"
@@ -184,7 +190,7 @@ class AdaptiveReliabilitySubscription:
     def describe_publishers(self) -> str:
         """Describe the topic's publishers; see `uw_visibility.ros.transport.qos`."""
         return describe_publishers(
-            self._node, self._present, "remap the topic, or set image_transport")
+            self._node, self._topic, self._present, "remap the topic, or set image_transport")
 
     def destroy(self) -> None:
         while self._subscriptions:
