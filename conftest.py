@@ -11,6 +11,7 @@ pytest's own process, and so does everything with `-n 0` or without pytest-xdist
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import os
 import signal
 import sys
@@ -108,6 +109,43 @@ def pytest_configure_node(node: Any) -> None:
         stash[TURNS] = tempfile.TemporaryDirectory(prefix="uw_visibility_test_")
         node.config.add_cleanup(stash[TURNS].cleanup)
     node.workerinput["turns"] = stash[TURNS].name
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let one worker of pytest-xdist compile a kernel, and the others wait for it and load it."""
+    turns = getattr(config, "workerinput", {}).get("turns")
+    if turns is None:
+        return
+    # Not above, since it imports NumPy.
+    from uw_visibility.compute.jit import KernelCache
+
+    load, save = KernelCache.load_overload, KernelCache.save_overload
+    held: dict[str, int] = {}
+
+    def let_go(key: str) -> None:
+        if key in held:
+            # Closing would not do: processes that the test has forked may have the file too.
+            fcntl.flock(held[key], fcntl.LOCK_UN)
+            os.close(held.pop(key))
+
+    def load_or_wait(self: KernelCache, signature: Any, context: Any) -> Any:
+        found = load(self, signature, context)
+        if found is None:
+            key = hashlib.sha256(self._identity(signature, context).encode()).hexdigest()
+            held[key] = os.open(Path(turns, key), os.O_CREAT | os.O_WRONLY)
+            fcntl.flock(held[key], fcntl.LOCK_EX)
+            found = load(self, signature, context)
+            if found is not None:
+                let_go(key)
+        return found
+
+    def save_and_let_go(self: KernelCache, signature: Any, kernel: Any) -> None:
+        save(self, signature, kernel)
+        let_go(hashlib.sha256(
+            self._identity(signature, kernel.target_context).encode()).hexdigest())
+
+    KernelCache.load_overload = load_or_wait  # type: ignore[method-assign]
+    KernelCache.save_overload = save_and_let_go  # type: ignore[method-assign]
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
 import pytest
-from lamp_scene import CLEAR_WATER, RIG, SIZE, parameters, render
+from lamp_scene import CLEAR_WATER, RIG, SIZE, LampScene, parameters, render
 from numpy.typing import NDArray
 
 from uw_visibility.compute.threads import Workers
@@ -17,7 +18,12 @@ from uw_visibility.enhancement.lamp_radiance import LampRestorer
 from uw_visibility.optics.lamps import LEFT_EYE, LightField, tabulate
 
 ALPHA = 0.15
-SHOWN = render(ALPHA, noise=0.0)
+
+
+@functools.cache
+def shown() -> LampScene:
+    """A scene without noise; not to be changed."""
+    return render(ALPHA, noise=0.0)
 
 
 def field_of(scale: float, scattering: float) -> LightField:
@@ -29,7 +35,7 @@ def field_of(scale: float, scattering: float) -> LightField:
 
 
 def restored(image: NDArray[Any], ranges: NDArray[np.float32], **config: float) -> Any:
-    scale = float(SHOWN.direct.max() / render(ALPHA, noise=0.0, exposure=1.0).direct.max())
+    scale = float(shown().direct.max() / render(ALPHA, noise=0.0, exposure=1.0).direct.max())
     field = field_of(scale, np.pi * 0.7 * ALPHA * scale)
     limits = EnhancementConfig(**{"max_gain": 1000.0, "max_noise": 10.0} | config)
     restorer = LampRestorer(limits, "linear", Workers(1))
@@ -37,22 +43,22 @@ def restored(image: NDArray[Any], ranges: NDArray[np.float32], **config: float) 
 
 
 def test_reflectance_comes_back_wherever_it_is_and_however_far() -> None:
-    image, limited = restored(SHOWN.image, SHOWN.range)
-    clear = ~limited & (SHOWN.range < 6.0)
+    image, limited = restored(shown().image, shown().range)
+    clear = ~limited & (shown().range < 6.0)
     assert clear.mean() > 0.4
-    error = image[clear] / 65535 - SHOWN.reflectance[clear]
+    error = image[clear] / 65535 - shown().reflectance[clear]
     assert np.abs(error).max() < 0.06
     assert np.sqrt(np.mean(error**2)) < 0.015
 
 
 def test_gain_is_limited_by_noise_and_what_is_dark_fades_without_colour() -> None:
-    image, limited = restored(SHOWN.image, SHOWN.range, max_gain=8.0)
+    image, limited = restored(shown().image, shown().range, max_gain=8.0)
     open_water, beyond = restored(
         np.full((*SIZE, 3), 40, np.uint16), np.full(SIZE, np.inf, np.float32), max_noise=0.05)
     assert limited[0].all()
     assert not limited[-20:, 90:110].any()
     # Less gain than is needed: darker than it is, but no brighter.
-    darker = image[limited] / 65535 - SHOWN.reflectance[limited]
+    darker = image[limited] / 65535 - shown().reflectance[limited]
     assert darker.max() < 0.06
     assert beyond.all()
     assert open_water.max() < 0.1 * 65535
@@ -75,13 +81,13 @@ def test_noise_of_dark_water_is_not_lifted() -> None:
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
 def test_unknown_channels_stay_and_others_do_not(kind: Any) -> None:
-    image = (SHOWN.image // (257 if kind is np.uint8 else 1)).astype(kind)
+    image = (shown().image // (257 if kind is np.uint8 else 1)).astype(kind)
     field = field_of(1.0, 0.0)
     log_direct = field.log_direct.copy()
     log_direct[0] = np.nan
     restorer = LampRestorer(EnhancementConfig(), "linear", Workers(1))
     out, _ = restorer.restore(
-        image, SHOWN.range, field._replace(log_direct=log_direct), np.full(3, 0.5))
+        image, shown().range, field._replace(log_direct=log_direct), np.full(3, 0.5))
     assert out.dtype == kind
     np.testing.assert_array_equal(out[..., 0], image[..., 0])
     assert (out[..., 1] != image[..., 1]).any()

@@ -23,7 +23,7 @@ from uw_visibility_lab.simulation.water import Water
 CLEAR = np.array([0.228, 0.066, 0.025])
 
 
-@pytest.fixture(scope="module", params=[0, 1, 2])
+@pytest.fixture(scope="module", params=[0, 2])
 def rendered(request: pytest.FixtureRequest) -> tuple[Any, Any, StereoRig]:
     """Image of a reef through turbid water, its disparities and its rig."""
     scene = load_source(request.param)

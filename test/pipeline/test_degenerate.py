@@ -17,16 +17,15 @@ from uw_visibility.errors import InputError
 
 
 @given(picture=pictures())
-@settings(max_examples=60)
+@settings(max_examples=25)
 def test_degenerate_pictures(picture: Picture) -> None:
     examine(picture)
 
 
-@pytest.mark.parametrize("open_water", [0.0, 0.5])
-def test_a_large_picture_without_red(open_water: float) -> None:
+def test_a_large_picture_without_red() -> None:
     """Of this size and with open water, a channel of zeros became an index of a table."""
     examine(Picture(
-        881, 1377, 8, False, "linear", "texture", 0.1, open_water, ("red 0",), "", 3))
+        881, 1377, 8, False, "linear", "texture", 0.1, 0.5, ("red 0",), "", 3))
 
 
 @pytest.mark.parametrize(("seed", "largest"), [(25092, 320), (25348, 320), (28859, 1500)])
@@ -53,8 +52,7 @@ def real_frames(folder: Path) -> list[Path]:
         if file.suffix.lower() in (".jpg", ".jpeg", ".png"))
 
 
-@pytest.mark.parametrize("transfer", ["linear", "srgb"])
-@pytest.mark.parametrize("red", [True, False])
+@pytest.mark.parametrize(("transfer", "red"), [("linear", True), ("srgb", False)])
 def test_real_frames_with_a_plane_set_beside_them(
     shared_data: Path, transfer: str, red: bool
 ) -> None:

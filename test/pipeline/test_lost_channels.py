@@ -25,8 +25,7 @@ def lost(image, channels, rng):
     return image
 
 
-@pytest.mark.parametrize("noisy", [False, True])
-@pytest.mark.parametrize("open_rows", [0, 60])
+@pytest.mark.parametrize(("noisy", "open_rows"), [(False, 0), (True, 60)])
 def test_frames_without_red_tell_what_they_tell_with_it(noisy, open_rows):
     rng = np.random.default_rng(4) if noisy else None
     told = []

@@ -15,7 +15,6 @@ from scenes import ReefView, processed
 
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages.frames import StereoFrame
-from uw_visibility.messages.images import ENCODINGS
 from uw_visibility.messages.processor import FrameProcessor
 from uw_visibility_lab.simulation.camera import StereoCamera
 from uw_visibility_lab.simulation.frame import RenderedFrame
@@ -165,7 +164,9 @@ def expected(
     return found
 
 
-@pytest.mark.parametrize("encoding", [*sorted(ENCODINGS.keys() - {"rgb8"}), ".jpg", ".png"])
+# Each is read by itself in test/messages/test_images.py.
+@pytest.mark.parametrize(
+    "encoding", ["8UC1", "bayer_gbrg16", "bgr16", "bgra8", "mono16", "yuv422_yuy2", ".jpg", ".png"])
 def test_every_encoding_tells_the_same(
     processor: FrameProcessor, rendered: RenderedFrame, pair: list[np.ndarray],
     expected: np.ndarray, encoding: str,
@@ -188,7 +189,6 @@ def test_every_encoding_tells_the_same(
 # Without regard to what a JPEG rounds, red comes out lower by 27 to 31 %.
 @pytest.mark.parametrize(("make_image", "red"), [
     (lambda pixels: compressed(pixels, ".jpg", 95), 0.05),
-    (lambda pixels: compressed(pixels, ".jpg", 90), 0.05),
     (lambda pixels: compressed(pixels, ".jpg", 80), 0.07),
     (lambda pixels: image(pixels, "bayer_rggb8"), 0.06),
 ])

@@ -68,7 +68,7 @@ def first(reports: list[Report], verdict: Verdict) -> int:
 
 @pytest.mark.parametrize("rate", [2.0, 10.0])
 def test_right_sensor_is_never_accused_and_its_innovations_pass_as_they_say(rate: float) -> None:
-    runs = [run(round(120 * rate), seed, rate) for seed in range(8 if rate < 5.0 else 3)]
+    runs = [run(round(120 * rate), seed, rate) for seed in range(4 if rate < 5.0 else 2)]
     found = [report.verdict for reports in runs for report in reports]
     assert Verdict.ERROR not in found
     assert found.count(Verdict.WARN) < 0.01 * len(found)
@@ -79,17 +79,14 @@ def test_right_sensor_is_never_accused_and_its_innovations_pass_as_they_say(rate
     assert max(reports[-1].bias_stddev for reports in runs) < 0.5
 
 
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("size", [3.0, -3.0])
-@pytest.mark.parametrize("rate", [1.0, 10.0])
+@pytest.mark.parametrize(("seed", "size", "rate"), [(0, 3.0, 10.0), (1, -3.0, 1.0), (2, 3.0, 1.0)])
 def test_jump_is_an_error_within_five_seconds(seed: int, size: float, rate: float) -> None:
     reports = run(round(70 * rate), seed, rate, fault=lambda time: size if time > 60.0 else 0.0)
     assert 60 * rate <= first(reports, Verdict.ERROR) <= 65 * rate
     assert "a correct sensor shows as much at most once in 100 h" in reports[-1].reason
 
 
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("rate", [0.5, -0.5])
+@pytest.mark.parametrize(("seed", "rate"), [(0, 0.5), (1, -0.5)])
 def test_drift_is_an_error_before_a_metre_and_a_half(seed: int, rate: float) -> None:
     reports = run(480, seed, fault=lambda time: rate / 60.0 * max(time - 60.0, 0.0))
     assert 120 <= first(reports, Verdict.ERROR) <= 2 * (60 + 180)
@@ -135,7 +132,7 @@ def test_false_alarms_are_as_rare_as_they_are_said_to_be() -> None:
     hours, alarms = 0.02, 0
     config = replace(CONFIG, error_interval=hours, warn_interval=hours)
     random, monitor = np.random.default_rng(3), DepthMonitor(config)
-    frames, stddev, precision = 3_000, CONFIG.model_stddev, 0.1
+    frames, stddev, precision = 1_500, CONFIG.model_stddev, 0.1
     sizes = np.array((CAMERA.fast * precision, CAMERA.slow * stddev))
     wander = sizes * random.standard_normal(2)
     for index in range(frames):

@@ -24,6 +24,7 @@ from bag_copies import (
     leave_out_figures,
     parameter_file,
 )
+from made_once import made_once
 
 from uw_visibility.cli import main
 from uw_visibility_lab.simulation.bag import write_transect
@@ -35,12 +36,14 @@ def simulated(
     factory: pytest.TempPathFactory, name: str, frames: int, depth: tuple[float, float],
     attenuation: tuple[float, float],
 ) -> Path:
-    folder = factory.mktemp(name)
-    write_transect(folder / "simulated", Transect(
-        frames=frames, rate=2.0, depth=depth, attenuation=attenuation,
-        camera=StereoCamera(160, 120, 150.0, 0.12),
-    ))
-    return copy_bag(folder / "simulated", folder / name)
+    def make(folder: Path) -> None:
+        write_transect(folder / "simulated", Transect(
+            frames=frames, rate=2.0, depth=depth, attenuation=attenuation,
+            camera=StereoCamera(160, 120, 150.0, 0.12),
+        ))
+        copy_bag(folder / "simulated", folder / name)
+
+    return made_once(factory, name, make) / name
 
 
 @pytest.fixture(autouse=True)
@@ -68,25 +71,29 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def replayed(transect: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The transect's replay."""
-    target = tmp_path_factory.mktemp("replayed") / "out"
-    assert main(["replay", str(transect), "-o", str(target), "--jobs", "1"]) == 0
-    return target
+    def make(folder: Path) -> None:
+        assert main(["replay", str(transect), "-o", str(folder / "out"), "--jobs", "1"]) == 0
+
+    return made_once(tmp_path_factory, "replayed", make) / "out"
 
 
 @pytest.fixture(scope="session")
 def hard(dive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The dive, with a frame that is unusable and a clock that is set back."""
-    return copy_bag(dive, tmp_path_factory.mktemp("hard") / "hard", edit=disturbed)
+    return made_once(
+        tmp_path_factory, "hard",
+        lambda folder: copy_bag(dive, folder / "hard", edit=disturbed)) / "hard"
 
 
 @pytest.fixture(scope="session")
 def hard_replayed(hard: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Its replay, with a bias of the sensor that is learned."""
-    folder = tmp_path_factory.mktemp("replayed")
-    params = parameter_file(folder / "p.yaml", HARD_PARAMETERS)
-    command = ["replay", str(hard), "-o", str(folder / "out"), "--jobs", "1"]
-    assert main([*command, "--params-file", params]) == 0
-    return folder / "out"
+    def make(folder: Path) -> None:
+        params = parameter_file(folder / "p.yaml", HARD_PARAMETERS)
+        command = ["replay", str(hard), "-o", str(folder / "out"), "--jobs", "1"]
+        assert main([*command, "--params-file", params]) == 0
+
+    return made_once(tmp_path_factory, "hard_replayed", make) / "out"
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,18 @@ from uw_visibility.cli import main
 from uw_visibility.replay import cluster as replay_cluster
 from uw_visibility.replay.frame_log import NAME
 
-distributed = pytest.importorskip("distributed", reason="the extra distributed is not installed")
-pytestmark = pytest.mark.node
+pytestmark = [
+    pytest.mark.node,
+    # Imported by the tests that need it: that takes long.
+    pytest.mark.skipif(
+        find_spec("distributed") is None, reason="the extra distributed is not installed")]
 
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
     """Two workers, each a process, as on two machines with one folder."""
+    import distributed
+
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
     ) as started:
@@ -91,6 +97,8 @@ def test_workers_take_recordings_from_a_store_and_put_results_there(
 def test_what_lost_workers_left_is_gone_on_with(
     transect: Path, dive: Path, alone: dict[str, bytes], cluster: Any, tmp_path: Path
 ) -> None:
+    from distributed import Client
+
     out, killed = tmp_path / "day", []
 
     def begun() -> bool:
@@ -103,7 +111,7 @@ def test_what_lost_workers_left_is_gone_on_with(
     def kill() -> None:
         """End the workers by force once one of them is within a recording."""
         # What else runs here must not take it for its own.
-        with distributed.Client(cluster.scheduler_address, set_as_default=False) as client:
+        with Client(cluster.scheduler_address, set_as_default=False) as client:
             processes = client.run(os.getpid)
             for _ in range(3000):
                 if begun():

@@ -8,7 +8,6 @@ import base64
 import hashlib
 import json
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -141,37 +140,28 @@ def test_filtered_messages_are_those_of_a_filter_over_all_frames(
 
 
 @pytest.mark.node
-def test_what_lies_beside_a_bag_is_not_run(
-    transect: Path, hostile_folder: Path, tmp_path: Path
+def test_jobs_change_nothing_and_what_lies_beside_them_is_not_run(
+    hard: Path, hard_replayed: Path, hostile_folder: Path, tmp_path: Path
 ) -> None:
-    """Processes of Python's own pools import from the current folder first."""
-    shutil.copytree(transect, hostile_folder / "bag")
+    """Neither the filter's state, nor the learned bias, nor what a restart forgets.
+
+    Processes of Python's own pools import from the current folder first.
+    """
     # As the installed command is: its own folder is searched, not the current one.
     command = tmp_path / "command.py"
     command.write_text(
         'from uw_visibility.cli import main\nif __name__ == "__main__":\n    main()\n'
     )
-    options = ["-o", "out", "--jobs", "2", "--every", "3"]
+    params = parameter_file(tmp_path / "p.yaml", HARD_PARAMETERS)
     done = subprocess.run(
-        [sys.executable, str(command), "replay", "bag", *options],
-        cwd=hostile_folder, capture_output=True, text=True, check=False,
+        [sys.executable, str(command), "replay", str(hard), "-o", "out", "--params-file", params,
+         "--jobs", "2"], cwd=hostile_folder, capture_output=True, text=True, check=False,
     )
     assert done.returncode == 0, done.stderr
     assert not (hostile_folder / "ran").exists()
-
-
-@pytest.mark.node
-def test_jobs_and_repetition_change_nothing(
-    hard: Path, hard_replayed: Path, tmp_path: Path
-) -> None:
-    """Neither the filter's state, nor the learned bias, nor what a restart forgets."""
-    params = parameter_file(tmp_path / "p.yaml", HARD_PARAMETERS)
-    for name, jobs in (("again", "1"), ("side by side", "2")):
-        command = ["replay", str(hard), "-o", str(tmp_path / name), "--params-file", params]
-        assert main([*command, "--jobs", jobs]) == 0
-        expected = (hard_replayed / "frames.csv").read_bytes()
-        assert (tmp_path / name / "frames.csv").read_bytes() == expected
-        assert messages_of(tmp_path / name) == messages_of(hard_replayed)
+    out = hostile_folder / "out"
+    assert (out / "frames.csv").read_bytes() == (hard_replayed / "frames.csv").read_bytes()
+    assert messages_of(out) == messages_of(hard_replayed)
 
 
 def test_a_frame_that_is_refused_alone_is_restored_with_the_water_before(

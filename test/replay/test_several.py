@@ -50,27 +50,6 @@ def test_several_bags_have_a_folder_each(
     assert main(["replay", str(other), str(other), "-o", str(tmp_path / "twice")]) == 2
 
 
-def test_of_several_bags_one_that_is_unreadable_holds_up_no_other(
-    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    broken = tmp_path / "broken.mcap"
-    broken.write_bytes(b"\x89MCAP0\r\n" + bytes(100))
-    command = ["replay", str(broken), str(transect), "-o", str(tmp_path / "day"), "--jobs", "1"]
-    with pytest.raises(SystemExit) as ended:
-        main([*command, "--every", "3"])
-    assert ended.value.code == 1
-    printed = capsys.readouterr()
-    assert "cannot read bag" in printed.err
-    assert "transect: Visibility was assessed in both frames, " in printed.out
-    table = tmp_path / "day" / "transect" / "frames.csv"
-    before = table.stat().st_mtime_ns
-    # What is complete is not made again.
-    with pytest.raises(SystemExit):
-        main([*command, "--resume", "--every", "3"])
-    assert "2 frames, 2 of them from before" in capsys.readouterr().out
-    assert table.stat().st_mtime_ns == before
-
-
 def without_pair(messages: Iterator[Message]) -> Iterator[Message]:
     return (m for m in messages if m[0] != "/right/image_rect")
 

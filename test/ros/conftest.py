@@ -470,3 +470,11 @@ def image() -> Callable[..., Any]:
 def info() -> Callable[..., Any]:
     """Make CameraInfo messages."""
     return info_message
+
+
+@pytest.fixture(scope="module")
+def parts(
+    scene: Any, image: Callable[..., Any], info: Callable[..., Any]
+) -> tuple[Any, Any, Any, Any]:
+    """Return the known scene's messages, whose stamps tests may set."""
+    return image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right")

@@ -20,20 +20,12 @@ from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
-from uw_visibility_lab.simulation.camera import StereoCamera
-from uw_visibility_lab.simulation.transect import Transect
-
 NAMESPACE = "/watched"
 
 
 @pytest.fixture(scope="module")
 def node(start_node: Callable[..., Any]) -> Any:
     return start_node("-r", f"__ns:={NAMESPACE}", "-p", "stereo.max_disparity:=40")
-
-
-@pytest.fixture(scope="module")
-def parts(scene: Any, image: Any, info: Any) -> tuple[Any, Any, Any, Any]:
-    return image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right")
 
 
 @pytest.fixture(scope="module")
@@ -111,19 +103,6 @@ def test_numbers_of_a_working_node(client: Any, parts: Any) -> None:
     given = client.diagnosis("input").numbers
     assert given["left received"] == given["right received"]
     assert (given["stamp gap (s)"], given["waiting images"]) == ("0.000000", "0")
-
-
-def test_unusable_frame_is_counted_with_its_reason(
-    client: Any, parts: Any, scene: Any, image: Any
-) -> None:
-    before = int(client.diagnosis("pipeline").numbers["frames refused"])
-    bad = image(scene.left, "rgb8", height=121)
-    client.publish(bad, *parts[1:])
-    status = client.diagnosed("pipeline", "the message is truncated")
-    assert status.level in (DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
-    assert int(status.numbers["frames refused"]) == before + 1
-    assert any(key.startswith("problem: ") and "truncated" in key for key in status.numbers)
-    client.result(client.publish(*parts), "disparity")
 
 
 def test_images_without_common_stamps_are_explained(node: Any, client: Any, parts: Any) -> None:
@@ -275,38 +254,3 @@ def test_depth_sensor_is_checked(client: Any, parts: Any) -> None:
     set_parameters(client, plausibility__timeout=1.0)
     status = client.diagnosed("plausibility", "stale: no ")
     assert status.level == DiagnosticStatus.STALE
-
-
-def test_jump_of_the_sensor_on_a_simulated_transect(
-    client: Any, image: Any, info: Any
-) -> None:
-    transect = Transect(
-        frames=11, rate=2.0, depth=(4.0, 5.0), attenuation=(0.15, 0.2), seed=5,
-        camera=StereoCamera(240, 180, 225.0, 0.12),
-    )
-    sensor = Sensor(client)
-    set_parameters(
-        client, plausibility__max_gate=1.5, plausibility__timeout=60.0, stereo__max_disparity=48
-    )
-    cx, cy = transect.camera.principal_point
-    infos = [
-        info(
-            side, width=240, height=180, k=[225.0, 0.0, cx, 0.0, 225.0, cy, 0.0, 0.0, 1.0],
-            p=[225.0, 0.0, cx, tx, 0.0, 225.0, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
-        )
-        for side, tx in (("left", 0.0), ("right", -27.0))
-    ]
-    nis = client.received["depth_plausibility/nis"]
-    jump = 4
-    for index, (_, frame) in enumerate(transect.render()):
-        count = len(nis)
-        stamp = client.publish(image(frame.left, "rgb8"), image(frame.right, "rgb8"), *infos)
-        sensor.publish(stamp, frame.depth + (3.0 if index >= jump else 0.0))
-        client.wait(lambda n=count: len(nis) > n, "a NIS")
-        if index == jump - 1:
-            # The newest status, and not one from before this frame.
-            client.diagnosed(
-                "plausibility", "", verdict="ok",
-                **{"sensor depth (m)": f"{frame.depth:.4f}"})
-    client.diagnosed("plausibility", "", verdict="error")
-    sensor.close()

@@ -45,8 +45,8 @@ def start_python(code: str) -> subprocess.Popen[str]:
     )
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("name", ["node", "lifecycle_node"])
+@pytest.mark.parametrize(("name", "number"), [
+    ("node", signal.SIGINT), ("lifecycle_node", signal.SIGTERM)])
 def test_signal_while_modules_are_imported(name: str, number: int) -> None:
     process = start_python(COMMAND.format(name))
     end = time.monotonic() + 60

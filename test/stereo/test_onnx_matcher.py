@@ -29,7 +29,6 @@ MOST = 40
 CAMERA = StereoCamera(width=320, height=240, focal_length=300.0, baseline=0.12)
 VIEWS = {
     "ahead": (Pose((0.0, 0.0, 1.5), tilt=0.3), Water(0.2, 3.0)),
-    "down": (Pose((2.0, 1.0, 2.0), tilt=0.5), Water(0.1, 5.0)),
     "turbid": (Pose((1.0, -2.0, 1.2), tilt=0.15), Water(0.4, 2.0)),
 }
 

@@ -73,6 +73,7 @@ def test_its_row_is_empty_where_nothing_was_assessed(refused, tmp_path):
     assert row["pipeline.status"] == row["refusal"] == refused.cases[0].refusal
 
 
+@pytest.mark.long
 def test_its_figures_are_drawn_nevertheless(refused, tmp_path):
     write_figures(tmp_path, refused)
     assert {path.name for path in tmp_path.iterdir()} == {

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from uw_visibility_lab.evaluation.judging import HEAD, WIDEST_INTERVAL, Answer, Row, line_of, row_of
 from uw_visibility_lab.posterior.judge import (
@@ -74,7 +74,7 @@ def test_overconfidence_shows_in_score_and_coverage() -> None:
 
 def test_crps_is_that_of_the_normal_distribution() -> None:
     row = judge(Faulty(bias=-0.05, stddev=0.0, told=0.1), cases(1))
-    expected = quad(lambda x: (norm.cdf(x, 0.05, 0.1) - (x > 0)) ** 2, -1, 1, points=[0.0])[0]
+    expected = quad(lambda x: (ndtr((x - 0.05) / 0.1) - (x > 0)) ** 2, -1, 1, points=[0.0])[0]
     assert row.crps == pytest.approx(expected, rel=1e-4)
 
 

@@ -9,6 +9,7 @@ heads of coral are ellipsoids, branches are capsules.
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any, NamedTuple
 
@@ -60,6 +61,7 @@ _CORALS = (
 )
 
 
+@functools.lru_cache(maxsize=2)
 def reef(
     seed: int = 0, length: float = 10.0, view: float = 30.0, *, boulders: float = 0.11,
     corals: float = 0.28,
@@ -69,6 +71,8 @@ def reef(
     The transect starts at x = 0, with a length in m; objects are up to `view` m beyond its end.
 
     boulders, corals: number per square metre.
+
+    Kept, since many a view is of the same reef: not to be changed.
     """
     lattice = noise_lattice(seed)
     origin = (-2.0, -0.6 * view)
@@ -145,9 +149,9 @@ class _Objects:
 
     def capsule(self, start: Array, end: Array, radius: float, look: tuple[float, ...]) -> None:
         """Add a capsule."""
-        half = (radius, radius, float(np.linalg.norm(end - start)) / 2)
+        half = (radius, radius, math.dist(start, end) / 2)
         self.shapes.append(
-            shape_row(CAPSULE, (start + end) / 2, half, axes_along(*(end - start))))
+            shape_row(CAPSULE, (start + end) / 2, half, axes_along(*(end - start).tolist())))
         self.looks.append(look)
 
     def shade(self, foot: Array, radius: float, strength: float) -> None:
@@ -219,4 +223,4 @@ class _Objects:
     def lean(self, direction: Array, amount: float) -> Array:
         """Turn a direction at random, with a tendency upwards."""
         turned = direction + self.random.normal(0.0, amount, 3) + (0.0, 0.0, 0.15)
-        return np.asarray(turned / np.linalg.norm(turned))
+        return np.asarray(turned / math.sqrt(turned @ turned))

@@ -115,14 +115,6 @@ def test_dictionary_describes_every_column(exported: Path, rows: list[dict[str, 
             assert column["schema:unitText"], name
 
 
-def test_pandas_reads_the_table(exported: Path) -> None:
-    pandas = pytest.importorskip("pandas")
-    table = pandas.read_csv(exported / "frames.csv", parse_dates=["datetime"])
-    assert len(table) == FRAMES
-    assert str(table["datetime"].dt.tz) == "UTC"
-    assert table["attenuation_green"].between(0.1, 0.4).all()
-
-
 def test_netcdf_is_a_trajectory_with_everything_in_it(
     exported: Path, rows: list[dict[str, str]]
 ) -> None:
@@ -235,7 +227,7 @@ def test_a_long_table_takes_little_memory(exported: Path, tmp_path: Path) -> Non
     xarray = pytest.importorskip("xarray")
     row = dict(next(read_rows(exported / "frames.csv")))
     table = TableWriter(tmp_path / "frames.csv", tuple(COLUMNS))
-    for k in range(5000):
+    for k in range(2000):
         table.write({**{c: row[c] for c in COLUMNS}, "frame": str(k), "depth": repr(0.5 * k)})
     table.close()
     provenance = {"bag": "long", "version": "0", "parameters": {}, "input_sha256": "0"}
@@ -246,10 +238,10 @@ def test_a_long_table_takes_little_memory(exported: Path, tmp_path: Path) -> Non
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # A row as text takes some 15 kB.
-    assert peak < 40e6
+    assert peak < 20e6
     with xarray.open_dataset(tmp_path / "frames.nc") as data:
-        np.testing.assert_array_equal(data["frame"].values, np.arange(5000))
-        np.testing.assert_array_equal(data["depth"].values, 0.5 * np.arange(5000))
+        np.testing.assert_array_equal(data["frame"].values, np.arange(2000))
+        np.testing.assert_array_equal(data["depth"].values, 0.5 * np.arange(2000))
         assert (data["status"].values == 0).all()
         assert (data["time"].values == data["time"].values[0]).all()
 
@@ -314,20 +306,6 @@ def test_parquet_has_types_and_units(exported: Path, rows: list[dict[str, str]])
     assert table["status"].to_pylist() == ["ok"] * FRAMES
     assert json.loads(table.schema.field("status").metadata[b"values"])["ok"] == "ok"
     assert table.schema.metadata[b"bag"] == b"bag"
-
-
-def test_geojson_has_times_raw_and_filtered_values(
-    exported: Path, rows: list[dict[str, str]]
-) -> None:
-    features = json.loads((exported / "frames.geojson").read_text())["features"]
-    assert len(features) == LAST_FIX
-    for feature, row in zip(features, rows, strict=False):
-        properties = feature["properties"]
-        assert properties["datetime"] == row["datetime"]
-        for channel in ("red", "green", "blue"):
-            for name in (f"attenuation_{channel}", f"filtered_attenuation_{channel}_stddev"):
-                assert properties[name] == float(row[name])
-        assert properties[TEMPERATURE] == float(row[TEMPERATURE])
 
 
 def test_geopandas_places_the_frames(exported: Path, rows: list[dict[str, str]]) -> None:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from lamp_scene import CLEAR_WATER, SIZE, ground, render, texture
+from scenes import codes
 
 from uw_visibility.config.schema import WaterConfig
 from uw_visibility.images.view import View
@@ -44,7 +45,8 @@ def test_light_that_is_not_certain_tells_no_water(
     infer = estimation.infer
     monkeypatch.setattr(
         estimation, "infer", lambda *told: replace(infer(*told), lamps=probability))
-    found = estimator().estimate_view(View.of(image), distance, range_error=0.0)
+    found = estimator().estimate_view(
+        View.of(codes(image, np.uint16)), distance, range_error=0.0)
     assert found.status is status
     assert np.isfinite(found.attenuation).any() == (status is Status.OK)
 
@@ -57,7 +59,8 @@ def test_daylight_is_not_taken_for_lamps(alpha: float, veil: float) -> None:
         image = attenuate(
             texture(seed, distance), distance, CLEAR_WATER + alpha, np.full(3, 0.8 * veil),
             np.full(3, 0.8))
-        found = estimator().estimate_view(View.of(image), distance, range_error=0.0)
+        found = estimator().estimate_view(
+            View.of(codes(image, np.uint16)), distance, range_error=0.0)
         assert found.status not in (Status.LIT_BY_LAMPS, Status.LIGHT_UNCERTAIN)
 
 
@@ -77,7 +80,7 @@ def test_a_white_board_before_dull_ground_is_not_taken_for_lamps(near: float, ve
         image = attenuate(
             radiance, distance, CLEAR_WATER + 0.05, np.full(3, 0.9 * veil), np.full(3, 0.9))
         found = estimator().estimate_view(
-            View.of(image), distance.astype(np.float32), range_error=0.0)
+            View.of(codes(image, np.uint16)), distance.astype(np.float32), range_error=0.0)
         assert found.status is not Status.LIT_BY_LAMPS
 
 
@@ -101,6 +104,6 @@ def test_light_that_falls_on_board_and_ground_as_lamps_have_it_is_taken_for_lamp
             radiance * shade[..., np.newaxis], distance.astype(np.float32), CLEAR_WATER + 0.02,
             np.full(3, 0.05), np.full(3, 0.9))
         found = estimator().estimate_view(
-            View.of(image), distance.astype(np.float32), range_error=0.0)
+            View.of(codes(image, np.uint16)), distance.astype(np.float32), range_error=0.0)
         lamps.append(found.status is Status.LIT_BY_LAMPS)
     assert sum(lamps) >= 2

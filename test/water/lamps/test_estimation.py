@@ -113,8 +113,7 @@ def test_lamps_that_are_elsewhere_are_in_sigma() -> None:
     assert (np.abs(wide.attenuation - shown.attenuation) < 3 * wide.attenuation_stddev).all()
 
 
-@pytest.mark.parametrize("daylight", [0.02, 0.05, 0.15])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(("daylight", "seed"), [(0.02, 0), (0.05, 1), (0.15, 0)])
 def test_daylight_beside_the_lamps_is_told_apart(daylight: float, seed: int) -> None:
     shown = scene(0.15, seed, daylight)
     found = estimate(shown, **{"lighting.model": "both"})

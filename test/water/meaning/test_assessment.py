@@ -70,7 +70,7 @@ def test_depth_ends_at_the_surface_and_at_the_largest_depth():
     assert shallow.assess(estimate(KAPPA, ambient, narrow)).depth == 5
 
 
-@pytest.mark.parametrize("depth", [1.0, 4.0, 12.0])
+@pytest.mark.parametrize("depth", [1.0, 12.0])
 def test_standard_deviations_are_those_of_samples(depth):
     rng = np.random.default_rng(0)
     beta = KAPPA + 0.15
@@ -80,7 +80,7 @@ def test_standard_deviations_are_those_of_samples(depth):
     joint = root @ root.T
     seen = ASSESSOR.assess(estimate(beta, ambient, joint))
     centre = np.stack((beta, ambient), axis=1).ravel()
-    samples = rng.multivariate_normal(centre, joint, 2000)
+    samples = rng.multivariate_normal(centre, joint, 1200)
     found = [ASSESSOR.assess(estimate(s[0::2], s[1::2], joint)) for s in samples]
     for name in ("mean_attenuation", "distance", "depth"):
         spread = np.std([getattr(visibility, name) for visibility in found])

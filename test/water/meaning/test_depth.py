@@ -52,9 +52,8 @@ def test_the_estimated_attenuation_tells_the_depth_where_clear_water_does_not(de
     assert abs(clear - depth) > 0.1 * depth
 
 
-@pytest.mark.parametrize("water_type", [CLEAR, "3C", ESTIMATED])
-@pytest.mark.parametrize("depth", [2.0, 5.0])
-@pytest.mark.parametrize("off", [0.0, 0.1], ids=["on the curve", "off the curve"])
+@pytest.mark.parametrize(("water_type", "depth", "off"), [
+    (CLEAR, 2.0, 0.0), (CLEAR, 5.0, 0.1), ("3C", 5.0, 0.1), (ESTIMATED, 2.0, 0.1)])
 def test_standard_deviation_is_that_of_samples(water_type, depth, off):
     rng = np.random.default_rng(3)
     rate = COASTAL if water_type == ESTIMATED else diffuse_attenuation(water_type, RESPONSE)

@@ -162,21 +162,21 @@ def flat(frame: int) -> WaterEstimate:
 
 def test_frames_that_show_nothing_alone_do_together() -> None:
     kept = WaterFilter(PipelineConfig.from_parameters({"water.veil": "paper"}))
-    found = [kept.update(flat(frame), float(frame), "rig") for frame in range(40)]
-    assert [f is not None and f.survey is not None for f in found] == [False] * 19 + [True] * 21
+    found = [kept.update(flat(frame), float(frame), "rig") for frame in range(22)]
+    assert [f is not None and f.survey is not None for f in found] == [False] * 19 + [True] * 3
     last = found[-1]
     assert last is not None and last.survey is not None
     assert last.event is TrackingEvent.SURVEYED
     assert (last.assessed, last.rejected) == (0, 0)
-    assert str(last.survey) == "40 frames in 39 s, ranges from 1.64 to 2.36 m"
+    assert str(last.survey) == "22 frames in 21 s, ranges from 1.64 to 2.36 m"
     error = (last.water.attenuation - (0.5, 0.3, 0.25)) / last.water.attenuation_stddev
     assert (np.abs(error) < 3.0).all()
     assert last.visibility.distance == pytest.approx(2.351 / last.water.attenuation.min(), rel=1e-3)
     # A frame that shows the water by itself is taken at its word.
-    after = kept.update(water(), 40.0, "rig")
+    after = kept.update(water(), 22.0, "rig")
     assert after is not None and after.event is STARTED and after.survey is None
     # What another rig saw does not count.
-    other = kept.update(flat(41), 41.0, "other")
+    other = kept.update(flat(23), 23.0, "other")
     assert other is not None and other.survey is None
 
 
@@ -203,7 +203,7 @@ def test_a_survey_under_lamps_is_taken_where_its_relative_deviation_is_smaller(
 
 def test_no_survey_where_it_is_turned_off() -> None:
     off = WaterFilter(PipelineConfig.from_parameters({"survey.enabled": False}))
-    for frame in range(40):
+    for frame in range(22):
         found = off.update(flat(frame), float(frame))
     assert found is not None and found.event is TrackingEvent.NOT_ASSESSABLE
     assert found.water.status is Status.RANGE_SPREAD_TOO_SMALL

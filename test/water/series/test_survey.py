@@ -97,44 +97,35 @@ def surveyed(frames, model="paper", **config):
     return survey, alone
 
 
-@pytest.mark.parametrize("light", ["constant", "exposure", "sinking"])
-@pytest.mark.parametrize("alpha", [0.1, 0.3])
+@pytest.mark.parametrize(("alpha", "light"), [
+    (0.1, "constant"), (0.3, "exposure"), (0.1, "sinking")])
 def test_a_survey_at_two_metres_shows_the_water(alpha, light):
     options = {} if light == "constant" else {light: True}
-    errors, relative = [], []
-    for seed in range(2):
-        survey, alone = surveyed(observed_survey(seed, alpha, **options))
-        # A frame by itself does not.
-        assert alone.status is Status.RANGE_SPREAD_TOO_SMALL
-        found = survey.estimate()
-        assert found.water.status is Status.OK
-        assert found.frames == 60
-        assert found.duration == 59.0
-        assert 1.4 < found.range_min < 1.75 < 2.25 < found.range_max < 2.6
-        deviation = found.water.attenuation_stddev
-        errors.append((found.water.attenuation - KAPPA - alpha) / deviation)
-        relative.append(deviation / found.water.attenuation)
-    assert np.max(np.abs(errors)) < 3.0
-    assert np.mean(relative) < 0.5
+    survey, alone = surveyed(observed_survey(0, alpha, **options))
+    # A frame by itself does not.
+    assert alone.status is Status.RANGE_SPREAD_TOO_SMALL
+    found = survey.estimate()
+    assert found.water.status is Status.OK
+    assert found.frames == 60
+    assert found.duration == 59.0
+    assert 1.4 < found.range_min < 1.75 < 2.25 < found.range_max < 2.6
+    deviation = found.water.attenuation_stddev
+    assert np.max(np.abs(found.water.attenuation - KAPPA - alpha) / deviation) < 3.0
+    assert np.mean(deviation / found.water.attenuation) < 0.5
 
 
 @pytest.mark.parametrize(("alpha", "veil", "most"), [
-    (0.3, 1.0, 0.4), (0.1, 1.0, 0.6), (0.3, 0.5, 0.6), (0.1, 0.5, 0.75),
+    (0.3, 1.0, 0.4), (0.1, 0.5, 0.75),
 ])
 def test_where_the_veil_may_differ_from_the_light_a_survey_says_less(alpha, veil, most):
-    errors, relative = [], []
-    for seed in range(2):
-        frames = observed_survey(seed, alpha, "free", veil=veil)
-        water = surveyed(frames, "free")[0].estimate().water
-        assert water.status is Status.OK
-        relative.append(water.attenuation_stddev / water.attenuation)
-        errors.append(np.log(water.attenuation / (KAPPA + alpha)) / relative[-1])
-    assert np.max(np.abs(errors)) < 3.0
+    water = surveyed(observed_survey(0, alpha, "free", veil=veil), "free")[0].estimate().water
+    assert water.status is Status.OK
+    relative = water.attenuation_stddev / water.attenuation
+    assert np.max(np.abs(np.log(water.attenuation / (KAPPA + alpha)) / relative)) < 3.0
     assert np.mean(relative) < most
 
 
-@pytest.mark.parametrize("exposure", [False, True])
-@pytest.mark.parametrize("veil", [0.3, 1.0])
+@pytest.mark.parametrize(("veil", "exposure"), [(0.3, True), (1.0, False)])
 def test_light_over_altitude_shows_the_water(veil, exposure):
     """Frames of one altitude hardly show it, and each may have an exposure of its own."""
     frames = observed_survey(0, 0.3, "free", veil=veil, amplitude=0.8, exposure=exposure)
@@ -154,17 +145,16 @@ def test_an_exposure_that_follows_the_altitude_hides_a_part_of_the_attenuation()
     assert np.min(error * water.attenuation / water.attenuation_stddev) > -2.0
 
 
-@pytest.mark.parametrize("alpha", [0.1, 0.3])
-def test_over_sand_without_anything_dark_the_deviation_holds(alpha, monkeypatch):
+def test_over_sand_without_anything_dark_the_deviation_holds(monkeypatch):
     def sand(rng, length):
         grain = cv2.GaussianBlur(rng.standard_normal((2 * HEIGHT, length)), (0, 0), 2.0)
         shade = np.clip(0.45 + 0.07 * grain / grain.std(), 0.3, 0.6)
         return (shade[..., np.newaxis] * np.ones(3)).astype(np.float32)
 
     monkeypatch.setitem(globals(), "sea_floor", sand)
-    survey, _ = surveyed(observed(survey_frames(1, alpha), "free"), "free")
+    survey, _ = surveyed(observed(survey_frames(1, 0.1), "free"), "free")
     water = survey.estimate().water
-    error = (water.attenuation - KAPPA - alpha) / water.attenuation_stddev
+    error = (water.attenuation - KAPPA - 0.1) / water.attenuation_stddev
     assert np.max(np.abs(error)) < 3.0
 
 
@@ -186,7 +176,7 @@ def test_too_few_frames_show_nothing(frames):
 
 
 def test_at_constant_range_no_number_of_frames_shows_the_water():
-    survey, _ = surveyed(observed_survey(0, 0.2, frames=40, amplitude=0.02))
+    survey, _ = surveyed(observed_survey(0, 0.2, frames=25, amplitude=0.02))
     assert survey.estimate().water.status is Status.RANGE_SPREAD_TOO_SMALL
 
 
@@ -224,7 +214,7 @@ def test_of_many_frames_a_part_is_kept_over_the_whole_window():
 
 def test_the_same_ground_seen_again_and_again_says_nothing_new():
     """Each frame thrice, one right after the other: as sure as from each once."""
-    frames = observed_survey(2, 0.3)[:40]
+    frames = observed_survey(0, 0.3)[:40]
     thrice = [(stamp + part / 3, *rest) for stamp, *rest in frames for part in range(3)]
     once, again = (
         surveyed(each)[0].estimate().water.attenuation_stddev

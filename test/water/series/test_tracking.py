@@ -97,7 +97,7 @@ def test_frame_to_frame_changes_are_less_than_half_and_nothing_is_biased():
 def test_standard_deviations_hold_where_frames_share_a_part_of_their_errors(share):
     """Normalised squared error of β and I∞, over trackers of another shared error each."""
     squares = []
-    for seed in range(60):
+    for seed in range(30):
         rng = np.random.default_rng(seed)
         tracker = WaterTracker(TrackingConfig(common_error=share, exposure_change=0.0))
         common = rng.standard_normal(6)
@@ -106,7 +106,7 @@ def test_standard_deviations_hold_where_frames_share_a_part_of_their_errors(shar
         error = np.empty(6)
         error[0::2], error[1::2] = out.attenuation - BETA, out.ambient_light - LIGHT
         squares.append(error @ np.linalg.solve(out.covariance, error))
-    # Chi squared has a mean of 6; that of 60 values a deviation of 0.45. Water that
+    # Chi squared has a mean of 6; that of 30 values a deviation of 0.63. Water that
     # does not wander, as here, is followed better than the process noise says.
     assert 2.0 < np.mean(squares) < 7.4
 
@@ -128,35 +128,6 @@ def test_a_fixed_exposure_takes_such_a_jump_for_an_outlier():
     tracker, stamp = settled(rng, WaterTracker(TrackingConfig(exposure_change=0.0)))
     tracker.update(drawn(rng, gain=0.5), stamp + PERIOD)
     assert tracker.event is TrackingEvent.OUTLIER
-
-
-def test_frames_that_say_the_same_twice_leave_the_state_where_it_is():
-    frame = drawn(np.random.default_rng(3))
-    tracker = WaterTracker()
-    for k in range(5):
-        out = tracker.update(frame, k * PERIOD)
-        np.testing.assert_allclose(out.attenuation, frame.attenuation, rtol=1e-9)
-        np.testing.assert_allclose(out.ambient_light, frame.ambient_light, rtol=1e-9)
-    assert tracker.event is TrackingEvent.UPDATED
-
-
-class Exact:
-    """In place of random numbers: estimates without errors."""
-
-    standard_normal = staticmethod(np.zeros)
-
-
-def test_rising_and_falling_attenuation_are_followed_alike():
-    """Errors are factors of β: a frame of turbid water has the weight of one of clear water."""
-    moved = []
-    for before, after in ((1.0, 1.3), (1.3, 1.0)):
-        tracker = WaterTracker()
-        tracker.update(drawn(Exact, before * BETA), 0.0)
-        out = tracker.update(drawn(Exact, after * BETA), PERIOD)
-        moved.append(np.log(out.attenuation / (before * BETA)) / math.log(after / before))
-    np.testing.assert_allclose(moved[0], moved[1], rtol=1e-9)
-    assert (np.array(moved) > 0.3).all()
-    assert (np.array(moved) < 0.9).all()
 
 
 def test_one_outlier_changes_nothing():
@@ -227,18 +198,6 @@ def test_while_frames_are_rejected_the_standard_deviation_holds_that_they_may_be
     assert (after.attenuation_stddev < 1.2 * before.attenuation_stddev).all()
 
 
-@pytest.mark.parametrize("step", [0.05, 0.1, 0.3, -0.1])
-def test_a_step_in_turbidity_is_followed_within_ten_frames(step):
-    errors = []
-    for seed in range(10):
-        rng = np.random.default_rng(seed)
-        tracker, stamp = settled(rng)
-        for k in range(10):
-            tracker.update(drawn(rng, attenuation=BETA + step), stamp + (k + 1) * PERIOD)
-        errors.append(alpha(tracker.estimate) - 0.15 - step)
-    assert abs(np.mean(errors)) < 0.15 * abs(step) + 0.005
-
-
 def test_a_large_step_restarts_from_the_frames_that_agree():
     rng = np.random.default_rng(5)
     tracker, stamp = settled(rng)
@@ -272,11 +231,11 @@ def deviations(out, mean_attenuation, depth):
     ])
 
 
-RATES = (0.001, 0.002, 0.005, 0.01, 0.015, 0.02, 0.03, 0.05, 0.1, 0.2)
+CHANGES_BY = [
+    (0.001, False), (0.01, True), (0.05, False), (0.2, True)]
 
 
-@pytest.mark.parametrize("downwards", [False, True])
-@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize(("rate", "downwards"), CHANGES_BY)
 def test_a_ramp_is_followed_at_any_rate(rate, downwards):
     """α in 1/m a frame; depth goes with it. Errors that frames share fade over 20 of them."""
     change = min(20 * rate, 1.5)
@@ -296,8 +255,7 @@ def test_a_ramp_is_followed_at_any_rate(rate, downwards):
     assert np.max(found) < 5.5
 
 
-@pytest.mark.parametrize("downwards", [False, True])
-@pytest.mark.parametrize("step", [10 * rate for rate in RATES])
+@pytest.mark.parametrize(("step", "downwards"), [(10 * rate, down) for rate, down in CHANGES_BY])
 def test_a_step_is_followed_at_any_size(step, downwards):
     found = []
     for seed in range(6):
@@ -332,8 +290,7 @@ def alike(rng, attenuation, common, size=0.1):
         joint, 12, 40, (Status.OK,) * 3)
 
 
-@pytest.mark.parametrize(("before", "after"), [
-    (0.05, 0.1), (0.1, 0.3), (0.05, 0.3), (0.1, 0.05), (0.3, 0.1), (0.3, 0.05)])
+@pytest.mark.parametrize(("before", "after"), [(0.05, 0.3), (0.3, 0.05)])
 def test_the_second_frame_after_a_step_follows_it_and_the_first_is_within_its_deviations(
         before, after):
     far, errors = [], []
@@ -410,21 +367,6 @@ def test_a_ramp_of_depth_alone_is_followed():
     assert abs(np.mean(errors)) < 0.015
 
 
-def test_a_change_goes_on_while_frames_are_refused():
-    """Standard deviations grow as fast as the water changed of late."""
-    rng = np.random.default_rng(15)
-    tracker, stamp = settled(rng, scale=0.5)
-    for k in range(1, 8):
-        tracker.update(drawn(rng, attenuation=BETA + 0.05 * k, scale=0.5), stamp + k * PERIOD)
-    blind = WaterEstimate.not_assessable(Status.TOO_FEW_SUPPORT_POINTS)
-    for k in range(8, 11):
-        out = tracker.update(blind, stamp + k * PERIOD)
-        assert (np.abs(out.attenuation - BETA - 0.05 * k) < 3.0 * out.attenuation_stddev).all()
-    after = tracker.update(drawn(rng, attenuation=BETA + 0.55, scale=0.5), stamp + 11 * PERIOD)
-    assert tracker.event is TrackingEvent.UPDATED
-    assert (np.abs(after.attenuation - BETA - 0.55) < 3.0 * after.attenuation_stddev).all()
-
-
 SEEDS = st.integers(0, 2**32 - 1)
 CHANGES = st.lists(
     st.tuples(
@@ -433,7 +375,7 @@ CHANGES = st.lists(
     min_size=1, max_size=8)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @example(seed=493, changes=[("step", -0.5, 7), ("snow", 1.0, 1), ("step", 0.0703125, 1)],
          reset_count=2, share=0)
 @given(seed=SEEDS, changes=CHANGES, reset_count=st.integers(1, 4), share=st.sampled_from([0, 0.5]))
@@ -474,7 +416,7 @@ def test_whatever_the_water_does_the_filter_stays_with_the_frames(
 
 # Always the same draws: the gate is one of chance, and one of a thousand transects like these
 # has a frame that is itself beyond four standard deviations, or snow that is just within.
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=12, deadline=None, derandomize=True)
 @given(seed=SEEDS, size=st.floats(1.2, 2.5), slope=st.floats(-0.002, 0.002))
 def test_snow_is_left_out_of_water_that_changes_slowly(seed, size, slope):
     rng = np.random.default_rng(seed)
@@ -515,7 +457,7 @@ GAPS = st.lists(
     min_size=1, max_size=4)
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=10, deadline=None, derandomize=True)
 @given(seed=SEEDS, period=st.floats(0.1, 0.5), gaps=GAPS)
 def test_water_that_changes_while_frames_do_not_show_it_is_within_the_deviations(
         seed, period, gaps):
@@ -615,15 +557,6 @@ def test_stamps_that_stand_still_go_back_or_leave_a_gap_begin_anew(stamp):
     np.testing.assert_allclose(out.attenuation, frame.attenuation)
 
 
-def test_what_is_longer_unseen_is_less_certain():
-    spreads = []
-    for gap in (0.1, 1.0, 4.0):
-        tracker, stamp = settled(np.random.default_rng(10))
-        blind = WaterEstimate.not_assessable(Status.TOO_DARK)
-        spreads.append(tracker.update(blind, stamp + gap).attenuation_stddev)
-    assert (np.diff(spreads, axis=0) > 0).all()
-
-
 @pytest.mark.parametrize("gap", [0.1, 2.0])
 def test_time_adds_the_variance_that_the_rates_say(gap):
     config = TrackingConfig()
@@ -681,14 +614,6 @@ def test_a_stamp_that_is_no_time_is_refused(stamp):
         WaterTracker().update(drawn(np.random.default_rng(0)), stamp)
 
 
-def test_the_filtered_state_is_assessed_like_any_other():
-    tracker, _ = settled(np.random.default_rng(11))
-    seen = ASSESSOR.assess(tracker.estimate)
-    assert seen.status is seen.depth_status is Status.OK
-    assert abs(seen.mean_attenuation - 0.15) < 3 * seen.mean_attenuation_stddev
-    assert abs(seen.depth - 4.0) < 3 * seen.depth_stddev
-
-
 def test_light_on_the_scene_keeps_its_ratio_to_the_veil_while_frames_are_rejected():
     def lit(frame, ratio):
         light = ratio * frame.ambient_light
@@ -740,12 +665,3 @@ def test_the_lights_covariance_is_kept_while_frames_do_not_show_a_channel():
         assert seen.depth_status is Status.OK
         if each is not partly:
             assert seen.depth_stddev < 1.5 * whole.depth_stddev
-
-
-def test_attenuation_stays_positive():
-    rng = np.random.default_rng(12)
-    tracker = WaterTracker()
-    for k in range(40):
-        frame = drawn(rng, attenuation=np.full(3, 0.02), scale=3.0)
-        frame = dataclasses.replace(frame, attenuation=np.maximum(frame.attenuation, 1e-4))
-        assert (tracker.update(frame, k * PERIOD).attenuation > 0).all()

@@ -11,7 +11,6 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
-import scipy.stats
 
 from uw_visibility.images.arrays import Array
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, word
@@ -210,7 +209,12 @@ def trend(distance: Array) -> list[float]:
     values = np.array([np.median(part) for part in parts])
     n = len(values)
     time = np.arange(n, dtype=np.float64)
-    ranks = scipy.stats.rankdata(values - scipy.stats.theilslopes(values, time).slope * time)
+    earlier, later = np.triu_indices(n, 1)
+    rise = values[later] - values[earlier]
+    # Without the line of Theil and Sen; what is equal has the mean of its ranks.
+    left = values - np.median(rise / (later - earlier)) * time
+    _, place, count = np.unique(left, return_inverse=True, return_counts=True)
+    ranks = (np.cumsum(count) - 0.5 * (count - 1))[place]
     ranks -= ranks.mean()
     lags = np.arange(1, n - 2)
     alike = np.array([ranks[:-lag] @ ranks[lag:] for lag in lags]) / max(ranks @ ranks, 1e-9)
@@ -218,8 +222,10 @@ def trend(distance: Array) -> list[float]:
     alike[np.abs(alike) < 1.96 / math.sqrt(n)] = 0.0
     more = 2.0 * ((n - lags) * (n - lags - 1) * (n - lags - 2)) @ alike / (n * (n - 1) * (n - 2))
     variance = n * (n - 1) * (2 * n + 5) / 18.0 * max(1.0 + more, 1.0)
-    tau = scipy.stats.kendalltau(time, values).statistic
-    if not abs(tau) * n * (n - 1) / 2.0 > SIGNIFICANT * math.sqrt(variance):
+    pairs, unequal = len(rise), int(np.count_nonzero(rise))
+    # With the correction for equal values, as in Kendall's tau-b.
+    score = abs(np.sign(rise).sum()) * math.sqrt(pairs / max(unequal, 1))
+    if not score > SIGNIFICANT * math.sqrt(variance):
         return []
     third = -(-len(distance) // 3)
     return [float(np.median(distance[:third])), float(np.median(distance[-third:]))]
@@ -244,13 +250,16 @@ def groups(distance: Array) -> list[tuple[float, int]]:
         weight = member.mean(axis=0)
         mean = values @ member / np.maximum(member.sum(axis=0), 1e-9)
         width = max(math.sqrt(np.sum(member * (values[:, None] - mean) ** 2) / n), NARROWEST)
-        density = weight * scipy.stats.norm.pdf(values[:, None], mean, width)
+        density = weight * np.exp(-0.5 * ((values[:, None] - mean) / width) ** 2) / width
+        density /= math.sqrt(2.0 * math.pi)
         total = np.maximum(density.sum(axis=1), 1e-300)
         member = density / total[:, None]
     rivals = []
     for degree in (0, 1):
         left = values - np.polyval(np.polyfit(np.arange(n), values, degree), np.arange(n))
-        likelihood = scipy.stats.norm.logpdf(left, 0.0, max(left.std(), NARROWEST)).sum()
+        spread = max(left.std(), NARROWEST)
+        likelihood = -0.5 * np.sum((left / spread) ** 2) - n * math.log(
+            math.sqrt(2.0 * math.pi) * spread)
         rivals.append(2.0 * likelihood - (2 + degree) * math.log(n))
     uniform = -2.0 * n * math.log(np.ptp(values)) - 2.0 * math.log(n)
     evidence = 2.0 * np.log(total).sum() - 4.0 * math.log(n) - max(*rivals, uniform)
