@@ -24,6 +24,7 @@ from uw_visibility import Pipeline, PipelineConfig, StereoRig
 from uw_visibility.compute.memory import keep_freed_memory
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import Image8
+from uw_visibility.images.noise import noise_stddev
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.elas import Matcher
 from uw_visibility_lab.evaluation.baselines import sgbm
@@ -98,7 +99,7 @@ def run_case(
     matcher = Matcher((height, width), (0, disparities - 1), config.stereo, workers)
     contrast = ContrastNormalizer((height, width)), ContrastNormalizer((height, width))
     for view, image in zip(contrast, (left, right), strict=True):
-        view.stretch(image, workers)
+        view.stretch(image, workers, noise_stddev(image))
     grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
     random = np.random.default_rng(0)
     noisy = [

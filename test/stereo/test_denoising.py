@@ -9,6 +9,7 @@ from scenes import blurred, codes, stereo_pair
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
+from uw_visibility.images.noise import noise_stddev
 from uw_visibility.stereo.contrast import ContrastNormalizer
 from uw_visibility.stereo.denoising import LARGEST, LEAST_NOISE, smooth
 from uw_visibility.stereo.elas import Matcher
@@ -126,7 +127,7 @@ def test_noise_alone_is_not_matched() -> None:
     views = []
     for image in (left, right):
         contrast = ContrastNormalizer(SHAPE)
-        contrast.stretch(image, Workers(1))
+        contrast.stretch(image, Workers(1), noise_stddev(image))
         views.append(contrast)
     matcher.describe(*views)
     found = matcher.dense_disparity(matcher.support_points()).disparity

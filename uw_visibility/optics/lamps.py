@@ -51,31 +51,19 @@ LEFT_EYE = (0.0, 0.0, 0.0)
 
 
 class LampTables(NamedTuple):
-    """Direct and scattered light of a rig's lamps for a camera.
+    """Direct and scattered light of a rig's lamps, of their relative power, for a camera.
 
-    Attributes
-    ----------
-    columns, rows : (X,), (Y,) float64 ndarray
-        Pixels of the nodes, of equal distance.
-    log_direct, log_scattered : (K, 3, Y, X, R) float32 ndarray
-        ln D and ln S, weighted by the lamps' relative power, over attenuation, channel, row, column
-        and range, at the nodes `ATTENUATIONS` and `RANGES`.
+    Tables, (K, 3, Y, X, R), are over `ATTENUATIONS`, channel, row, column and `RANGES`.
     """
 
-    columns: Array
-    rows: Array
-    log_direct: Table
-    log_scattered: Table
-
-    def at(self, attenuation: Array) -> tuple[Table, Table]:
-        """ln D and ln S at attenuations (3,), 1/m, each (3, Y, X, R) float32."""
-        return (
-            at_attenuation(self.log_direct, attenuation),
-            at_attenuation(self.log_scattered, attenuation))
+    columns: Array  # (X,), px, of equal distance
+    rows: Array  # (Y,), px, of equal distance
+    log_direct: Table  # ln D
+    log_scattered: Table  # ln S
 
     def by_range(self, attenuation: Array) -> Array:
         """Geometric mean of D over the image at `RANGES`, (3, R), at attenuations (3,), 1/m."""
-        log_direct, _ = self.at(attenuation)
+        log_direct = at_attenuation(self.log_direct, attenuation)
         return np.exp(log_direct.mean(axis=(1, 2), dtype=np.float64))
 
     def scattered_at(self, column: Array, row: Array, distance: Array) -> Array:
@@ -94,9 +82,9 @@ class LampTables(NamedTuple):
         `power` P (3,) is the irradiance of white at 1 m of a lamp of relative power 1, `scattering`
         (3,) the factor of S; `daylight` and `veil` (3,) are W and B of daylight.
         """
-        log_direct, log_scattered = self.at(attenuation)
-        direct = np.exp(log_direct) * _of_channels(power)
-        scattered = np.exp(log_scattered) * _of_channels(scattering)
+        direct = np.exp(at_attenuation(self.log_direct, attenuation)) * _of_channels(power)
+        scattered = np.exp(
+            at_attenuation(self.log_scattered, attenuation)) * _of_channels(scattering)
         if np.any(daylight > 0):
             left = transmission(attenuation[:, np.newaxis], RANGES)[:, np.newaxis, np.newaxis]
             direct = direct + _of_channels(daylight) * left
@@ -107,22 +95,12 @@ class LampTables(NamedTuple):
 
 
 class LightField(NamedTuple):
-    """Direct and scattered light over an image and over range.
+    """Direct and scattered light over channel, row, column and `RANGES`, (3, Y, X, R)."""
 
-    Attributes
-    ----------
-    columns, rows : (X,), (Y,) float64 ndarray
-        Pixels of the nodes.
-    log_direct : (3, Y, X, R) float32 ndarray
-        Logarithm of the irradiance of white, at `RANGES`.
-    scattered : (3, Y, X, R) float32 ndarray
-        Irradiance by the water in front of it.
-    """
-
-    columns: Array
-    rows: Array
-    log_direct: Table
-    scattered: Table
+    columns: Array  # (X,), px
+    rows: Array  # (Y,), px
+    log_direct: Table  # ln of the irradiance of white
+    scattered: Table  # irradiance by the water in front of it
 
 
 def between(attenuation: Any) -> tuple[Any, Any, Any]:

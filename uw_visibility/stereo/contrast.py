@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import Array, Image, RangeMap
-from uw_visibility.images.noise import noise_stddev
 from uw_visibility.optics.lamps import RANGES
 from uw_visibility.optics.light_model import transmission
 from uw_visibility.stereo import denoising
@@ -46,39 +45,28 @@ _TABLE, _MOST_TYPICAL = 512, 16.0
 class ContrastNormalizer:
     """Grey image and gain of one view, in memory that is allocated once.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the images, px.
-    averaged : int
-        Side of the squares of camera pixels whose mean is a pixel, px.
-
-    Attributes
-    ----------
-    grey : (H, W) uint16 ndarray
-        256 times the 8-bit level.
-    gain : (H, W) float32 ndarray
-        8-bit levels of normalised contrast per unit of `grey`.
-    image : (H, W, 3) or (H, W) ndarray
-        The view's pixels, from which the rest was computed.
-    noise : float
-        Noise after restoration, at the median gain and before `grey` was smoothed, in 8-bit levels
-        of normalised contrast.
+    `shape` is height and width of the images, px; a pixel is the mean of `averaged` by `averaged`
+    pixels of the camera.
     """
 
     def __init__(self, shape: tuple[int, int], averaged: int = 1) -> None:
         self._averaged = averaged
+        # (H, W), 256 times the 8-bit level.
         self.grey: NDArray[np.uint16] = np.empty(shape, np.uint16)
+        # (H, W), 8-bit levels of normalised contrast per unit of `grey`.
         self.gain: NDArray[np.float32] = np.empty(shape, np.float32)
+        # The view's pixels, from which the rest was computed.
         self.image: Image = np.empty((0, 0), np.uint8)
+        # Noise after restoration, at the median gain and before `grey` was smoothed, in 8-bit
+        # levels of normalised contrast.
         self.noise = 0.0
         self._noise_of_grey = 0.0
 
-    def stretch(self, image: Image, workers: Workers, noise: Array | None = None) -> None:
+    def stretch(self, image: Image, workers: Workers, noise: Array) -> None:
         """Set `grey` to a raw image's luma, and `gain` to one value that stretches its contrast.
 
-        `noise` is the standard deviation of each channel's noise, in code values; measured here by
-        default. The luma of the image, RGB or grey, is smoothed according to its restored noise.
+        `noise` is the standard deviation of each channel's noise, in code values. The luma of the
+        image, RGB or grey, is smoothed according to its restored noise.
         """
         self._mix(image, LUMA, workers)
         self.gain[:] = self._raw_gain(image)
@@ -91,7 +79,7 @@ class ContrastNormalizer:
         attenuation: Array,
         ambient_light: Array,
         workers: Workers,
-        noise: Array | None = None,
+        noise: Array,
     ) -> None:
         """Set `grey` to the mix of channels with least noise, and `gain` to undo attenuation.
 
@@ -121,7 +109,7 @@ class ContrastNormalizer:
         range_map: RangeMap,
         direct: Array,
         workers: Workers,
-        noise: Array | None = None,
+        noise: Array,
     ) -> None:
         """Set `grey` to the mix of channels with least noise, and `gain` to undo lamps' falloff.
 
@@ -169,7 +157,7 @@ class ContrastNormalizer:
         np.take(gain[rows], columns, axis=1, out=self.gain)
 
     def _smooth(
-        self, image: Image, weights: Sequence[float] | Array, workers: Workers, noise: Array | None
+        self, image: Image, weights: Sequence[float] | Array, workers: Workers, noise: Array
     ) -> None:
         """Smooth the mix of channels according to its restored noise."""
         self.image = image
@@ -177,11 +165,9 @@ class ContrastNormalizer:
         self.noise = denoising.smooth(self.grey, self.gain, self._noise_of_grey, workers)
 
     def _known_noise(
-        self, image: Image, weights: Sequence[float] | Array, noise: Array | None
+        self, image: Image, weights: Sequence[float] | Array, noise: Array
     ) -> float:
         """Noise of the mix of channels, in units of `grey`; 0 if it is rounding alone."""
-        if noise is None:
-            noise = noise_stddev(image)
         mixed = mixed_noise(image, noise, weights)
         if image.dtype == np.uint8:
             return mixed * _FINE if mixed > ROUNDING else 0.0

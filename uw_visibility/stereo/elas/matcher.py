@@ -80,26 +80,16 @@ def least_confidence(noise: float) -> float:
 
 @dataclass(frozen=True)
 class DenseMatch:
-    """Disparities of a pair.
+    """Disparities of a pair."""
 
-    Attributes
-    ----------
-    disparity : (H, W) float32 ndarray
-        Left-referenced, px; NaN where unmatched.
-    confidence : (H, W) float32 ndarray or None
-        Probability that `disparity` is within 1 px of the truth; 0 where unmatched; None if it
-        was not computed.
-    with_occlusions : (H, W) float32 ndarray
-        Disparity for colour: also of pixels that the right view does not show, filled from their
-        surroundings, and of doubtful matches in noise.
-    stddev : float or None
-        Standard deviation of matched disparities, px of the matched images; None if it was not
-        measured.
-    """
-
-    disparity: DisparityMap
+    disparity: DisparityMap  # (H, W) float32, left-referenced, px; NaN where unmatched
+    # (H, W), probability that `disparity` is within 1 px of the truth; 0 where unmatched; None if
+    # it was not computed
     confidence: NDArray[np.float32] | None
+    # (H, W) float32, disparity for colour: also of pixels that the right view does not show, filled
+    # from their surroundings, and of doubtful matches in noise
     with_occlusions: DisparityMap
+    # standard deviation of matches, px of the matched images; None if it was not measured
     stddev: float | None = None
 
 
@@ -108,17 +98,8 @@ class Matcher:
 
     The steps are separate calls, in this order: `describe`, `support_points`,
     `coarse_disparity` (enough for the first estimate of the water), `dense_disparity`.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the images, px.
-    disparities : tuple of int
-        Smallest and largest disparity, inclusive, px.
-    config : StereoConfig
-        Thresholds and weights.
-    workers : Workers
-        Threads.
+    `shape` is height and width of the images, `disparities` the smallest and the largest one,
+    inclusive, px.
     """
 
     def __init__(
@@ -195,17 +176,10 @@ class Matcher:
         confidence: bool = True,
         least_for_colour: float = 0.0,
     ) -> DenseMatch:
-        """Match every pixel of the described pair.
+        """Match every pixel of the described pair; with `confidence` rate the matches.
 
-        Parameters
-        ----------
-        support : SupportPoints
-            From `support_points`.
-        confidence : bool
-            Whether to rate the matches.
-        least_for_colour : float
-            Least confidence of matches in `DenseMatch.with_occlusions`, if they are rated. Matches
-            that are doubtful in noise are not published, but are still used for colour.
+        Matches of at least the confidence `least_for_colour` are in `DenseMatch.with_occlusions`:
+        those that are doubtful in noise are not published, but are still used for colour.
         """
         disparity = np.full(self._shape, np.nan, np.float32)
         if len(support) == 0:
