@@ -54,6 +54,26 @@ def test_matches_with_texture_are_known_and_those_of_even_light_are_not() -> Non
     np.testing.assert_allclose(smooth[:, :130], 4.0, rtol=0.02)
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.3])
+def test_steps_of_rounding_are_no_texture(noise: float) -> None:
+    rng = np.random.default_rng(0)
+    # Light of open water rises by a code in some 12 px.
+    light = 110.0 + np.linspace(0.0, 13.0, 160) + np.linspace(0.0, 9.0, 240)[:, np.newaxis]
+    image = view(20.0)
+    image[:, 160:] = np.rint(light + rng.normal(0.0, noise, light.shape))[..., np.newaxis]
+    matched = ALL.copy()
+    matched[:, 160:] = False
+    known = known_range(
+        image, FLAT, matched, np.full(3, noise), ATTENUATION, ERROR, 40).known
+    assert known[:, :130].mean() > 0.9 > 0.05 > known[:, 200:].mean()
+
+
+def test_a_smooth_face_is_known_by_the_matches_around_it() -> None:
+    image = view()
+    image[80:160, 40:120] = 90
+    assert found(image, FLAT, ALL).known[90:150, 50:110].min() > 0.9
+
+
 def test_what_is_near_is_known_without_texture() -> None:
     ranges = np.full(SHAPE, 0.5, np.float32)
     assert found(view(), ranges, ALL).known[:, 180:].min() > 0.6
@@ -95,7 +115,7 @@ def test_a_gap_is_known_as_well_as_what_surrounds_it_agrees() -> None:
 def test_clearer_water_is_known_farther() -> None:
     ranges = np.full(SHAPE, 10.0, np.float32)
     clear, turbid = (
-        found(view(), ranges, ALL, a * ATTENUATION).known[:, :130].mean() for a in (0.3, 3.0))
+        found(view(), ranges, ALL, a * ATTENUATION).known[:, :130].mean() for a in (0.3, 4.0))
     assert clear > 0.9 > 0.6 > turbid
 
 

@@ -52,8 +52,9 @@ def known_range(
 
     If the optical thickness βd has the standard deviation σ, the least-squares gain is
     E[e^(-βd)] / E[e^(-2βd)] = e^(βd) e^(-3σ²/2); the second factor is the reliability. The variance
-    of inverse range is the matcher's times (1 + noise variance over texture variance); in gaps, the
-    variance of surrounding matches is added.
+    of inverse range is the matcher's times (1 + noise variance over texture variance). Surrounding
+    matches tell the range of a matched pixel, too. In gaps their variance is added: what has no
+    texture there may be open water.
 
     image: (H, W, 3) or (H, W) of uint8 or uint16, pixel values.
     range_map: (H, W) float32, range, m, with gaps filled; NaN counts as infinity.
@@ -69,22 +70,25 @@ def known_range(
     cells = (max(width // _CELL, 1), max(height // _CELL, 1))
     full = np.float32(1.0 / np.iinfo(image.dtype).max)
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    guide = _resize(grey.astype(np.float32), half) * full
+    grey = grey.astype(np.float32)
+    guide = _resize(grey, half) * full
     small = _resize(guide, cells)
+    fine = np.maximum(_resize(grey * grey, cells) - _resize(grey, cells) ** 2, 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         # `fmax` replaces NaN by 0.
         inverse = np.minimum(np.fmax(np.float32(1.0) / range_map[::2, ::2], 0.0), _NEAREST)
     share = _resize(matched[::2, ::2].astype(np.float32), cells)
     value = _resize(inverse, cells)
 
-    relative = 1.0 + _noise_over_texture(small, noise, full)
+    relative = 1.0 + _noise_over_texture(small, fine, noise, full)
     weight = share / relative
     spread = _spread(weight, value, range_error, max(max_gap // _CELL, 1))
     along = guided(
         value, weight + _NO_MATCH * range_error**2 / spread, small, _RANGE_WINDOW, _FLAT)
     smooth = np.maximum(along[0] * small + along[1], _INFINITY)
     thickness = float(np.fmin.reduce(attenuation, initial=np.inf)) / smooth
-    variance = range_error**2 * relative + (1.0 - share) * spread
+    own = range_error**2 * relative
+    variance = share * own * spread / (own + spread) + (1.0 - share) * (own + spread)
     known = np.exp(-1.5 * variance * (thickness / smooth) ** 2)
     # Cells at the border of reliable range are mixed. Reliable range is not smoothed.
     known = cv2.erode(known, np.ones((3, 3), np.uint8))
@@ -109,19 +113,32 @@ def _blur(plane: Plane, radius: int) -> Plane:
         cv2.blur(plane, (side, side), borderType=cv2.BORDER_REFLECT), np.float32)
 
 
-def _noise_over_texture(small: Plane, noise: Array, full: np.float32) -> Plane:
+def _noise_over_texture(small: Plane, fine: Plane, noise: Array, full: np.float32) -> Plane:
     """Variance of noise over that of texture along rows, on which matching depends.
 
     Texture is the variance of second differences beyond twice that of noise. A linear change of
-    light, as in open water, does not count, since it matches anywhere.
+    light, as in open water, does not count, since it matches anywhere. `fine` is the variance
+    within cells, in codes.
     """
-    weights = _GREY if noise.size == 3 else np.ones(1)
-    grey = float(weights**2 @ (noise**2 + ROUNDING_VARIANCE))
-    variance = np.float32(_OF_NOISE * grey * full**2 / _CELL**2)
+    weights = _GREY**2 if noise.size == 3 else np.ones(1)
+    of_pixels = float(weights @ (noise**2 + ROUNDING_VARIANCE)) / _CELL**2
+    # Channels are rounded, and their mixture again.
+    alike = (float(weights.sum()) + 1.0) * _alike(np.sqrt(fine))
+    variance = _blur((_OF_NOISE * full**2 * (of_pixels + alike)).astype(np.float32), 1)
     differences = cv2.filter2D(
         small, -1, _SECOND_DIFFERENCES, borderType=cv2.BORDER_REFLECT)
     texture = _blur(differences * differences, 1) - 2.0 * variance
     return np.asarray(variance / np.maximum(texture, 1e-6 * variance), np.float32)
+
+
+def _alike(deviation: Plane) -> Plane:
+    """Variance of rounding that a cell's pixels share, so that their mean has it, in codes.
+
+    Pixels that differ by half a code or more are rounded independently (dither: Widrow, Kollár and
+    Liu 1996, doi:10.1109/19.492748); an even light has steps of a code.
+    """
+    order = np.float32(np.pi) * np.arange(1, 9, dtype=np.float32)
+    return np.exp(-2.0 * np.multiply.outer(deviation, order) ** 2) @ (np.float32(0.5) / order**2)
 
 
 def _spread(weight: Plane, value: Plane, error: float, reach: int) -> Plane:

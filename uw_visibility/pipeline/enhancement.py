@@ -72,8 +72,10 @@ class ImageEnhancement:
         return EnhancedImages(left, right, limited, light.scene_light, light.balanced)
 
     def _known(self, view: View, ranges: FilledRanges, water: RestorationWater) -> KnownRange:
+        # Cells of many pixels have the noise of low frequencies.
         return known_range(
-            view.pixels, *ranges, view.noise, water.attenuation, self._range_error, self._max_gap)
+            view.pixels, *ranges, view.low_frequency_noise, water.attenuation, self._range_error,
+            self._max_gap)
 
     def _restore(
         self, view: View, ranges: KnownRange | None, water: RestorationWater

@@ -31,6 +31,7 @@ from uw_visibility.pipeline.result import FilledStereo, FrameResult, StageClock,
 from uw_visibility.pipeline.second_step import ImprovedDisparity, SecondStep
 from uw_visibility.pipeline.warm_up import warm_up_pair, warm_up_scene
 from uw_visibility.status import REFUTING, Status
+from uw_visibility.stereo.codec_noise import with_codec_noise
 from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS
 from uw_visibility.stereo.matchers import check_matcher, disparity_limits
 from uw_visibility.stereo.rig import StereoRig
@@ -140,6 +141,7 @@ class Pipeline:
             by_lamps = self._estimators.lit_by_lamps(coarse.water)
             if by_lamps:
                 coarse = replace(coarse, lamps=light)
+            views = with_codec_noise(views, coarse.points)
             improved = second_step.run(
                 views, coarse, clock, match_original=match_original, confidence=confidence)
             filled, (water, visibility, restoring) = self._workers.together(

@@ -18,7 +18,6 @@ from uw_visibility.images.network import ONNX
 from uw_visibility.images.view import StereoViews, View, code_value
 from uw_visibility.pipeline.first_step import CoarseEstimate, Scale, reduction_factor
 from uw_visibility.pipeline.result import StageClock
-from uw_visibility.stereo.codec_noise import with_codec_noise
 from uw_visibility.stereo.contrast import LUMA, least_noise_weights
 from uw_visibility.stereo.denoising import ROUNDING
 from uw_visibility.stereo.elas import DenseMatch
@@ -101,7 +100,6 @@ class SecondStep:
         if match_original:
             with clock("original disparity"):
                 original = self._match_raw(views)
-        views = with_codec_noise(views, coarse.points)
         scale = self._scale_for(views.left, coarse)
         rated = confidence or scale is not self._finest
         match, support = self._match(scale, views, coarse, clock, rated)

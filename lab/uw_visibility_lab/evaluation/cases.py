@@ -32,6 +32,7 @@ from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import StageClock
 from uw_visibility.pipeline.second_step import SecondStep
 from uw_visibility.status import Status
+from uw_visibility.stereo.codec_noise import with_codec_noise
 from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor
@@ -281,7 +282,7 @@ def match_with_truth(
     scale.matcher.describe_raw(scale.contrast, *scale.downsample(views))
     raw = scale.pyramid.upsample_points(scale.matcher.support_points().points)
     known = CoarseEstimate(water, raw, disparity, rig, views.left, np.ones(3), 1.0)
-    return step.run(views, known, StageClock()).disparity
+    return step.run(with_codec_noise(views, raw), known, StageClock()).disparity
 
 
 def _oracle(image: Image8, range_map: Map, truth: Truth) -> Image8:
