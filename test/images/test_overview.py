@@ -53,6 +53,16 @@ def test_labels_scale_and_assumptions_are_written() -> None:
     assert overview(image, image, ranges, "word " * 300, 0.0).shape[0] > assumed.shape[0]
 
 
+def test_the_scale_of_a_clear_sea_has_no_exponents(monkeypatch: pytest.MonkeyPatch) -> None:
+    words: list[str] = []
+    monkeypatch.setattr(
+        "uw_visibility.images.overview._write", lambda strip, text, *place: words.append(text))
+    image = np.zeros((240, 320, 3), np.uint8)
+    overview(image, image, np.linspace(0.5, 120.0, 76800, dtype=np.float32).reshape(240, 320),
+             "", 0.0)
+    assert words[-3:] == ["over 120 m", "3.3 m", "1.7 m"]
+
+
 def test_an_image_that_was_not_restored_is_not_said_to_be() -> None:
     image, ranges = np.full((240, 320, 3), 90, np.uint8), np.ones((240, 320), np.float32)
     alike = overview(image, image, ranges, "", 0.0)

@@ -18,7 +18,7 @@ from bag_copies import leave_out_figures
 
 from uw_visibility.cli import main
 from uw_visibility.replay.columns import COLUMNS
-from uw_visibility.replay.day import DAY_MARK
+from uw_visibility.replay.day import DAY_MARK, _depth
 from uw_visibility.replay.table import SUFFIX, read_rows
 from uw_visibility_lab.simulation.bag import START, write_transect
 from uw_visibility_lab.simulation.camera import StereoCamera
@@ -190,3 +190,8 @@ def test_nothing_that_is_of_no_day_is_replaced(
     assert main([*several, str(day / "leg 1")]) == 2
     assert "is the result of one recording" in capsys.readouterr().err
     assert not (day / "leg 1" / DAY_MARK).exists()
+
+
+def test_one_depth_is_one_number() -> None:
+    assert _depth({"sensor_depth": np.array([2.01, np.nan, 1.98])}) == "2.0 m (sensor)"
+    assert _depth({"sensor_depth": np.array([2.0, 4.9])}) == "2.0 to 4.9 m (sensor)"

@@ -334,7 +334,7 @@ def _tell(summary: Summary) -> None:
         named = "" if summary.bag in summary.error else f"{summary.bag}: "
         say(f"uw_visibility: {named}{summary.error}", error=True)
         return
-    from uw_visibility.replay.report.sentences import verdict
+    from uw_visibility.replay.report.sentences import amount, verdict
 
     sentences = ["".join(map(str, parts)) for parts in verdict(summary)]
     for place, sentence in enumerate(sentences):
@@ -343,7 +343,7 @@ def _tell(summary: Summary) -> None:
     again = f", {summary.resumed} of them from before" if summary.resumed else ""
     took = f", {summary.seconds:.1f} s ({rate:.1f} frames/s)" if summary.seconds else ""
     say(
-        f"  {summary.frames} frames{again}, water assessed in {summary.assessed}"
+        f"  {amount(summary.frames, 'frame')}{again}, water assessed in {summary.assessed}"
         f"{took}; written to {summary.output}"
     )
     for note in summary.notes:

@@ -208,15 +208,16 @@ def _place(columns: Columns) -> str:
 def _depth(columns: Columns) -> str:
     known = columns["sensor_depth"][np.isfinite(columns["sensor_depth"])]
     if known.size:
-        return f"{known.min():.1f} to {known.max():.1f} m (sensor)"
+        ends = dict.fromkeys((f"{known.min():.1f}", f"{known.max():.1f}"))
+        return f"{' to '.join(ends)} m (sensor)"
     for name in ("filtered_depth", "depth"):
         value, spread = columns[name], columns[f"{name}_stddev"]
         if np.isfinite(value).any():
             low, high = np.nanargmin(value), np.nanargmax(value)
-            ends = [(float(value[place]), float(spread[place])) for place in (low, high)]
-            if not apart(*ends[0], *ends[1]):
-                ends = [(float(np.nanmedian(value)), float(np.nanmedian(spread)))]
-            return f"{' to '.join(rounded(*end) for end in ends)} m (by colour)"
+            found = [(float(value[place]), float(spread[place])) for place in (low, high)]
+            if not apart(*found[0], *found[1]):
+                found = [(float(np.nanmedian(value)), float(np.nanmedian(spread)))]
+            return f"{' to '.join(rounded(*end) for end in found)} m (by colour)"
     return "not known"
 
 

@@ -26,6 +26,7 @@ from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.columns import COLUMNS, Column
 from uw_visibility.replay.inputs.sensors import ScalarTopic
 from uw_visibility.replay.report.figures import MOST_POINTS, draw_series
+from uw_visibility.replay.report.gallery import ColourScale
 from uw_visibility.replay.report.meaning import MEANINGS, REMEDIES, meaning
 from uw_visibility.replay.report.report import fit_joins
 from uw_visibility.replay.report.track import (
@@ -444,6 +445,10 @@ def test_what_falls_with_attenuation_is_drawn_with_its_deviations(tmp_path: Path
     assert section["figure"].count("/t [percent]") > 0
     assert section["figure"].count("/t minus fit [percent]") > 0
     assert "Slope -20, intercept 90." in section["figure"]
+
+
+def test_far_ranges_of_the_scale_have_no_exponents() -> None:
+    assert ColourScale(0.3, 20.0, 400.0).describe(0.3) == "0.3 px (1333 m)"
 
 
 @pytest.mark.parametrize("longest, length", [(3.2, 2.0), (5.0, 5.0), (0.99, 0.5), (1e4, 1e4)])

@@ -30,7 +30,7 @@ from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.inputs.topics import Selection
-from uw_visibility.replay.report.sentences import clock, headline
+from uw_visibility.replay.report.sentences import clock, headline, number
 from uw_visibility.replay.results.folder import MESSAGES
 from uw_visibility.replay.table import Columns
 from uw_visibility.stereo.rig import DISPARITY_STDDEV
@@ -71,7 +71,7 @@ class ColourScale(NamedTuple):
         """Return a disparity with its range as text."""
         if disparity <= 0.0:
             return f"{disparity:.1f} px"
-        return f"{disparity:.1f} px ({self.focal_baseline / disparity:.3g} m)"
+        return f"{disparity:.1f} px ({number(self.focal_baseline / disparity)} m)"
 
 
 def gradient() -> str:
