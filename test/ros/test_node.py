@@ -313,7 +313,14 @@ def test_signal_ends_a_busy_node_soon(
         ("-p", "qos_overrides./disparity.publisher.dept:=3"),
         "did you mean qos_overrides./disparity.publisher.depth?",
     ),
-    (("-p", "qos_overrides./disparity.publisher.reliability:=maybe"), "maybe"),
+    (
+        ("-p", "qos_overrides./disparity.publisher.reliability:=maybe"),
+        "topic disparity cannot be made with its qos_overrides and remapping: Unexpected",
+    ),
+    (
+        ("-r", "depth_sensor:=disparity"),
+        "topic depth_sensor cannot be made with its qos_overrides and remapping: Failed to create",
+    ),
     (("--params-file", "/no/such/file.yaml"), "/no/such/file.yaml"),
 ])
 def test_bad_start_is_one_sentence_and_exit_code_2(

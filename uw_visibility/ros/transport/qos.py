@@ -122,7 +122,7 @@ def _with_overrides(
 ) -> Any:
     options = QoSOverridingOptions(POLICIES, callback=settle)
     with refusing(
-        "a parameter under qos_overrides cannot be used",
+        f"topic {arguments[1]} cannot be made with its qos_overrides and remapping",
         InvalidQosOverridesError, InvalidParameterTypeException, RuntimeError,
     ):
         return create(*arguments, qos_overriding_options=options)
