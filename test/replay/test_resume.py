@@ -307,7 +307,6 @@ def test_a_part_of_another_origin_is_not_gone_on_from(
 def test_files_are_told_apart_without_reading_them_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(provenance, "BLOCK", 100)
     monkeypatch.setattr(provenance, "SAMPLE", 10)
     path = tmp_path / "dive.mcap"
     content = bytes(20_000)

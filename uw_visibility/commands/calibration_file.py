@@ -67,20 +67,12 @@ def read_camera_infos(paths: Sequence[str | Path]) -> tuple[Any, Any]:
             width=size[0],
             height=size[1],
             distortion_model="plumb_bob",
-            k=_flat(path, content, f"K_{side}", projection[:, :3]),
-            d=_flat(path, content, f"D_{side}", np.zeros(5)),
-            r=_flat(path, content, f"R{number}", np.eye(3)),
+            k=_numbers(path, content, f"K_{side}", 9, projection[:, :3]),
+            d=_numbers(path, content, f"D_{side}", absent=np.zeros(5)),
+            r=_numbers(path, content, f"R{number}", 9, np.eye(3)),
             p=projection.ravel().tolist(),
         ))
     return infos[0], infos[1]
-
-
-def _flat(path: Path, content: dict[str, Any], name: str, absent: Any) -> list[float]:
-    try:
-        values = np.asarray(content.get(name, absent), np.float64).ravel()
-    except (TypeError, ValueError) as error:
-        raise InputError(f"calibration {path} has no numbers under {name}") from error
-    return [float(value) for value in values]
 
 
 def _from_projection_file(path: Path) -> tuple[StereoRig, tuple[int, int] | None]:
@@ -110,7 +102,7 @@ def _camera_info(path: Path) -> Any:
         height=height,
         distortion_model=content.get("distortion_model", "plumb_bob"),
         k=_numbers(path, content, "camera_matrix", 9),
-        d=_numbers(path, content, "distortion_coefficients", None),
+        d=_numbers(path, content, "distortion_coefficients"),
         r=_numbers(path, content, "rectification_matrix", 9),
         p=_numbers(path, content, "projection_matrix", 12),
     )
@@ -136,16 +128,19 @@ def _size(path: Path, content: dict[str, Any], width: str, height: str) -> tuple
     )
 
 
-def _numbers(path: Path, content: dict[str, Any], name: str, count: int | None) -> list[float]:
-    matrix = content.get(name)
-    data = matrix.get("data") if isinstance(matrix, dict) else None
-    numeric = isinstance(data, list) and all(
-        isinstance(value, int | float) and not isinstance(value, bool) for value in data
-    )
-    if not isinstance(data, list) or not numeric or (count is not None and len(data) != count):
-        wanted = "numbers" if count is None else f"{count} numbers"
+def _numbers(
+    path: Path, content: dict[str, Any], name: str, count: int | None = None, absent: Any = None
+) -> list[float]:
+    """Return the numbers under a name, as a list or as ``data`` below it; `count` if given."""
+    found = content.get(name, absent)
+    data = found.get("data") if isinstance(found, dict) else found
+    try:
+        values = np.asarray(data, np.float64).ravel()
+    except (TypeError, ValueError):
+        values = np.full(1, np.nan)
+    if not np.isfinite(values).all() or len(values) != (count or len(values)):
         raise InputError(
-            f"calibration {path} has no {wanted} under {name}.data: "
-            "give the file that camera_calibration wrote for this camera"
+            f"calibration {path} has no {f'{count} ' if count else ''}numbers under {name}: give "
+            "the file that camera_calibration wrote for this camera, or a JSON with lists"
         )
-    return data
+    return [float(value) for value in values]

@@ -38,11 +38,7 @@ class ParameterInfo:
     repeats: bool = False  # whether a list's length may be a multiple of the default's
 
     def check(self, value: Any) -> Any:
-        """Convert a value to the parameter's type, and check it.
-
-        Returns the converted value.
-        Raises `InputError` if type, bounds or choice do not fit; names the parameter.
-        """
+        """Return a value in the parameter's type; refuse one whose type or bounds do not fit."""
         value = self._of_type(value)
         low = -math.inf if self.minimum is None else self.minimum
         high = math.inf if self.maximum is None else self.maximum
@@ -127,11 +123,9 @@ def _group_of(field: Any) -> Any:
 
 
 def build(group: type, values: Mapping[str, Any], prefix: str = "") -> Any:
-    """Make a dataclass of parameters from dotted names.
+    """Make a dataclass of parameters from values by dotted name.
 
-    values: values by dotted name; absent ones keep their defaults, and unknown names are ignored
-        (see `check_names`).
-    Raises `InputError` if a value is not allowed.
+    Absent ones keep their defaults, and unknown names are ignored (see `check_names`).
     """
     infos = {info.name: info for info in describe(group, prefix)}
     arguments = {}
@@ -192,10 +186,7 @@ def read_yaml(path: str | Path, node: str | None = None) -> dict[str, Any]:
 
 
 def render_values(values: Mapping[str, Any], comment: str) -> str:
-    """Return a parameter file with some values.
-
-    comment: text of the first lines.
-    """
+    """Return a parameter file with some values, and a comment in its first lines."""
     # Imported here, since --help does not need it.
     import yaml
 

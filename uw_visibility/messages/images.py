@@ -71,8 +71,6 @@ def image_view(message: Any, name: str = "image") -> Image:
 
     Returns (H, W) or (H, W, C), uint8 or uint16 of the message's byte order, channels
     in the order of the encoding; Bayer images have one, those of YUV 4:2:2 two.
-
-    Raises `InputError` if the encoding is not supported, or size, step and data do not agree.
     """
     encoding = _encoding(message, name)
     width, height, step = int(message.width), int(message.height), int(message.step)

@@ -32,22 +32,17 @@ class SynchronizedFrame(NamedTuple):
 class Synchronizer:
     """Synchroniser that pairs images by their stamps and adds each side's CameraInfo.
 
-    An image is paired with the nearest waiting image of the other side within the
-    tolerance. An image whose partner was given to another one is dropped: if it waited, it
-    would take the partner of the next image, and so on. If a camera sends a CameraInfo
-    with every image, a pair waits for those with its own stamps, until the next pair or
-    `end_wait` at the latest; otherwise the newest one is used at once. Every image becomes
-    part of a frame or is counted in `dropped`, and the number of waiting images is limited.
-
-    Recordings may be replayed from any stamp: if the stamps of a side jump back and
-    increase from there, the synchroniser restarts.
+    An image is paired with the nearest waiting one of the other side within the tolerance. One
+    whose partner was given to another is dropped: otherwise it would take that of the next image,
+    and so on. If a camera sends a CameraInfo with every image, a pair waits for those with its
+    stamps, until the next pair or `end_wait`; otherwise the newest one is used at once. Every image
+    becomes part of a frame or is counted in `dropped`; the number of those that wait is limited. If
+    the stamps of a side jump back and increase from there, the synchroniser restarts.
 
     on_drop: called with the reason for every dropped image.
     config: may be replaced at any time.
-    received: number of messages by input: left, right, left info, right info.
-    dropped: number of dropped images by reason.
-    frames: number of frames made.
-    restarts: number of jumps back of the stamps, or of the clock before them.
+    received, dropped: numbers of messages by input, and of dropped images by reason.
+    frames, restarts: numbers of frames, and of jumps back of stamps or clock.
     """
 
     def __init__(

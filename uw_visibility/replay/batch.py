@@ -54,15 +54,13 @@ def replay_bags(
 ) -> list[Summary]:
     """Replay recordings into folders.
 
-    targets: mapping of (Path or str) to (Path or str): folder to make for each recording; paths or
-        fsspec URLs.
+    targets: folder to make for each recording.
     jobs: number of processes. The results do not depend on it, except under lamps, see
         `LightHistory`.
     force, resume: whether existing results are replaced; whether partial results are continued, and
         complete ones kept.
     Raises `InputError` if a folder or every recording cannot be used, or no recording has a topic
-    to join. One unusable recording does not stop the others: its summary says why. A summary also
-    says which topics to join its recording lacks.
+    to join. Otherwise the summaries say which recordings are unusable, or lack a topic.
     """
     stores.check_urls([*targets, *targets.values()])
     options = replace(options, several=options.several or len(targets) > 1)

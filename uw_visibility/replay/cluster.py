@@ -31,17 +31,11 @@ def replay_on_cluster(
     force: bool = False,
     resume: bool = False,
 ) -> list[Summary]:
-    """Replay recordings on an existing cluster.
+    """Replay recordings on an existing cluster, by the address of its scheduler; see `replay_bags`.
 
     The workers must have recordings and folders under the same paths or URLs, and this version
     of the package. If a worker is lost, another one resumes its recording from the last frame on
     disk, or from the beginning if the result goes to a URL.
-
-    address: scheduler, such as ``tcp://10.0.0.5:8786``.
-    targets, options, force, resume: see `replay_bags`.
-    Raises `InputError` if `distributed` is not installed, the scheduler cannot be reached, a worker
-    has another version, every recording or its folder cannot be used, or no recording has a topic
-    to join.
     """
     with needing("distributed", "--scheduler"):
         distributed = importlib.import_module("distributed")

@@ -24,10 +24,8 @@ class Progress:
     """
 
     def __init__(self, name: str, total: int | None) -> None:
-        self._name = name
+        self._name = printable(name)
         self._total = total
-        self._count = 0
-        self._begin = self._told = time.monotonic()
         self._bar: Any = None
         waiting = f"{name}: no frame is done yet; the first run compiles, for a minute or two"
         self._waiting = threading.Timer(PERIOD, say, [waiting], {"error": True})
@@ -35,43 +33,27 @@ class Progress:
         self._waiting.start()
 
     def add(self) -> None:
-        self._count += 1
-        now = time.monotonic()
-        if self._count == 1:
-            self._start()
-        elif self._bar is not None:
+        if self._bar is not None:
             self._bar.update()
-        elif now - self._told >= PERIOD:
-            self._told = now
-            say(self._line(now - self._begin), error=True)
+            return
+        from tqdm import tqdm
 
-    def _start(self) -> None:
         self._waiting.cancel()
-        self._begin = self._told = time.monotonic()
-        if sys.stderr.isatty():
-            from tqdm import tqdm
-
-            # Initial frames do not count for the rate.
-            self._bar = tqdm(
-                desc=self._name, total=self._total, file=sys.stderr, unit="frame",
-                dynamic_ncols=True, initial=1,
-            )
+        # Lines instead of a bar, where standard error is no terminal.
+        of, left = (" of {total_fmt}", ", {remaining} left") if self._total else ("", "")
+        lines: dict[str, Any] = {
+            "bar_format": f"{{desc}}: {{n_fmt}}{of} frames, {{rate_fmt}}{left}\n",
+            "mininterval": PERIOD, "miniters": 1, "delay": PERIOD}
+        # Initial frames do not count for the rate.
+        self._bar = tqdm(
+            desc=self._name, total=self._total, file=sys.stderr, unit=" frames", initial=1,
+            **({"dynamic_ncols": True} if sys.stderr.isatty() else lines),
+        )
 
     def close(self) -> None:
         self._waiting.cancel()
         if self._bar is not None:
             self._bar.close()
-
-    def _line(self, elapsed: float) -> str:
-        rate = (self._count - 1) / elapsed
-        line = f"{self._name}: {self._count}"
-        if self._total is None or self._total < self._count:
-            return f"{line} frames, {rate:.1f} frames/s"
-        left = round((self._total - self._count) / rate)
-        return (
-            f"{line} of {self._total} frames, {rate:.1f} frames/s, "
-            f"{left // 60}:{left % 60:02d} min left"
-        )
 
 
 Item = TypeVar("Item")

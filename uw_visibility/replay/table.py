@@ -119,7 +119,7 @@ def write_dictionary(table: Path, columns: Mapping[str, Column]) -> None:
 def _described(name: str, column: Column) -> dict[str, Any]:
     datatype: Any = _DATATYPES.get(column.kind, "string")
     if column.choices:
-        datatype = {"base": "string", "format": "|".join(_literal(c) for c in column.choices)}
+        datatype = {"base": "string", "format": "|".join(column.choices)}
     described: dict[str, Any] = {
         "name": name, "titles": [name], "datatype": datatype, "dc:title": column.title,
         "dc:description": column.description, "schema:unitText": column.unit,
@@ -133,8 +133,3 @@ def _described(name: str, column: Column) -> dict[str, Any]:
             {"schema:value": choice, "schema:description": meaning}
             for choice, meaning in zip(column.choices, column.meanings, strict=True)]
     return {key: value for key, value in described.items() if value}
-
-
-def _literal(text: str) -> str:
-    """Return a text escaped as regular expression of XML Schema."""
-    return "".join(f"\\{c}" if c in r"\|.?*+(){}[]^$-" else c for c in text)

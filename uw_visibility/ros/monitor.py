@@ -44,11 +44,7 @@ class Finding:
 
 
 class RecentCounts:
-    """Increments of counters over a sliding window of time.
-
-    window: length of the window, s.
-    duration: time that the last increments cover, s.
-    """
+    """Increments of counters over a sliding window, s; `duration`, s, is what the last cover."""
 
     def __init__(self, window: float) -> None:
         self.duration = 0.0
@@ -56,12 +52,7 @@ class RecentCounts:
         self._snapshots: deque[tuple[float, dict[str, int]]] = deque()
 
     def update(self, now: float, counts: Mapping[str, int]) -> dict[str, int]:
-        """Return the increments of the counters over the window.
-
-        now: time, s.
-        counts: counters, which never decrease.
-        Returns the increments by name, without zeros.
-        """
+        """Return the increments of counters by name, without zeros; `now` is a time, s."""
         self._snapshots.append((now, dict(counts)))
         while len(self._snapshots) > 2 and now - self._snapshots[1][0] >= self._window:
             self._snapshots.popleft()
@@ -72,16 +63,10 @@ class RecentCounts:
 
 
 class ReasonLog:
-    """Logs a reason when it is new, and again at most once per period, with its count.
+    """Logs a reason when it is new, and again at most once per period, s, with its count.
 
-    It remembers the latest `MAX_REASONS` reasons only.
-
+    It remembers the latest `MAX_REASONS` reasons, with their `counts`, and the `total` of all.
     Thread-safe.
-
-    period: shortest time between two lines for one reason, s.
-    clock: returns a time in s.
-    counts: occurrences of the remembered reasons, the latest reason last.
-    total: occurrences of all reasons.
     """
 
     def __init__(
@@ -100,10 +85,7 @@ class ReasonLog:
         self._lock = threading.Lock()
 
     def problems(self, number: int = SHOWN_REASONS) -> dict[str, int]:
-        """Return occurrences of the latest and the most frequent reasons, and of all others.
-
-        number: how many of either kind; the keys are those of the diagnostics.
-        """
+        """Return occurrences of the latest and the most frequent reasons, and of all others."""
         with self._lock:
             shown = dict([*self.counts.items()][-number:]) | dict(self.counts.most_common(number))
             rest = self.total - sum(shown.values())
@@ -174,8 +156,7 @@ def describe_fault(error: BaseException) -> str:
 class DiagnosticsPublisher:
     """Publishes findings once a second under the node's name, as diagnostic_updater does.
 
-    find: returns the findings by part of the node.
-    faults: counts exceptions of `find`, and gives the finding of the part `callbacks`.
+    `find` returns them by part of the node; `faults` has its exceptions, and is a part, too.
     """
 
     def __init__(

@@ -55,10 +55,11 @@ def find_files(path: Path) -> Layout:
         names = [Path(str(name)).name for name in about["relative_file_paths"]]
     except (InputError, KeyError, TypeError, AttributeError) as error:
         return _without_metadata(path, error)
-    missing = [name for name in names if not _is_there(path / name)]
+    there = {file.name for file in _files(path)}
+    missing = [name for name in names if name not in there]
     if len(missing) == len(names):
         # Files with other names are read.
-        files = _files(path)
+        files = [file for file in _files(path) if suffix(file) in SUFFIXES]
         if not files:
             raise UnreadableError(f"cannot read bag {path}: its files are missing")
         return Layout(files, packed, expected, ["the files have other names than metadata.yaml"])
@@ -73,18 +74,9 @@ def _count(value: object) -> int:
     return value
 
 
-def _is_there(file: Path) -> bool:
-    try:
-        return file.is_file()
-    except (OSError, ValueError):
-        # Invalid file names.
-        return False
-
-
 def _files(path: Path) -> list[Path]:
     with refusing(f"cannot read bag {path}"):
-        found = (f for f in path.iterdir() if suffix(f) in SUFFIXES and _is_there(f))
-        return sorted(found, key=_place)
+        return sorted((file for file in path.iterdir() if file.is_file()), key=_place)
 
 
 def _place(file: Path) -> tuple[list[str | int], str]:
@@ -99,7 +91,7 @@ def suffix(file: Path) -> str:
 
 
 def _without_metadata(path: Path, error: Exception) -> Layout:
-    files = _files(path)
+    files = [file for file in _files(path) if suffix(file) in SUFFIXES]
     if not files:
         raise InputError(
             f"cannot read bag {path}: it has no metadata.yaml and no recording"

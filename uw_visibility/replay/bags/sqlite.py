@@ -28,13 +28,6 @@ LOGS = ("-wal", "-journal")
 ERRORS = (sqlite3.Error, OverflowError, MemoryError)
 
 
-def _is_log(path: Path) -> bool:
-    try:
-        return path.stat().st_size > 0
-    except OSError:
-        return False
-
-
 class SqliteFile:
     """SQLite recording; a `Storage`.
 
@@ -49,7 +42,8 @@ class SqliteFile:
         self.span: tuple[int, int] | None = None
         self._topics: dict[int, Channel] = {}
         # `_connect` ignores logs, since it changes nothing.
-        log = next(filter(_is_log, (Path(f"{path}{end}") for end in LOGS)), None)
+        logs = (Path(f"{path}{end}") for end in LOGS)
+        log = next((log for log in logs if log.is_file() and log.stat().st_size), None)
         if log is not None:
             self._note(
                 f"is incomplete without {log.name}, which a crash leaves, or a recording that goes "

@@ -49,12 +49,7 @@ def write_exports(
     folder: Path, table: Columns, columns: Mapping[str, Column],
     attributes: Mapping[str, Any], options: ReplayOptions, transects: Sequence[str] = (),
 ) -> None:
-    """Write a table with these columns in the requested formats.
-
-    table: as `read_table` returns it.
-    attributes: its provenance, for the metadata of the files.
-    transects: names of the recordings, if the table has several.
-    """
+    """Write a table of `read_table` in the requested formats; parameters as of `write_netcdf`."""
     if options.geo:
         more = [TRANSECT] * bool(transects) + [join.column for join in options.joins]
         write_geojson(folder / "frames.geojson", table, more)
@@ -70,10 +65,7 @@ def write_exports(
 def write_geojson(
     path: Path, table: Columns, more: Sequence[str] = ()
 ) -> None:
-    """Write frames with a longitude and a latitude as points (RFC 7946).
-
-    Properties are the columns `PROPERTIES` and `more`.
-    """
+    """Write frames with a position as points, with `PROPERTIES` and `more` (RFC 7946)."""
     before = "\n"
     with path.open("w", encoding="utf-8") as file:
         file.write('{"type": "FeatureCollection", "features": [')
@@ -170,12 +162,10 @@ def write_netcdf(
 ) -> None:
     """Write a table as a CF trajectory, with the attributes of the ACDD.
 
-    path, table: file to write, and the table as `read_table` returns it.
-    columns: its columns.
-    attributes: global attributes; values other than text are written as JSON.
+    attributes: provenance; values other than text are written as JSON.
     wavelengths: (3,) float64, effective wavelengths of the channels, nm.
-    transects: names in the column `TRANSECT`, of a table of several recordings: an indexed ragged
-        array (chapter H.4.4).
+    transects: names of several recordings, in the column `TRANSECT`: an indexed ragged array
+        (chapter H.4.4).
     given: global attributes of the user, which override those of this package.
 
     References
