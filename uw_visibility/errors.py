@@ -85,13 +85,9 @@ def check_range(
     what: str, values: float | Sequence[float], low: float, high: float = math.inf,
     unit: str = "", *, above: bool = False,
 ) -> None:
-    """Refuse a number, or one of several, that is not within a range.
+    """Refuse a number, or one of several, that is not finite or not within a range in `unit`.
 
-    values: a finite number, or one or more of them.
-    low, high: ends of the range, in `unit`.
-    unit: unit of the numbers; empty for none.
     above: whether `low` itself is excluded.
-    Raises `InputError` naming the range.
     """
     several = isinstance(values, Sequence)
     numbers = values if isinstance(values, Sequence) else (values,)
@@ -101,18 +97,16 @@ def check_range(
         return
     given = ", ".join(f"{n:g}" for n in numbers) or "missing"
     unit = f" {unit}" if unit else ""
-    within = f"greater than {low:g} and at most" if above else f"between {low:g} and"
-    wanted = f"give {'numbers' if several else 'a number'} {within} {high:g}{unit}"
-    if high == math.inf:
-        wanted = f"give {'more than ' if above else ''}{low:g}{unit}{'' if above else ' or more'}"
-    raise InputError(f"{what} {'are' if several else 'is'} {given}{unit}: {wanted}")
+    wanted = f"{'more than' if above else 'at least'} {low:g}"
+    wanted += "" if high == math.inf else f" and at most {high:g}"
+    raise InputError(f"{what} {'are' if several else 'is'} {given}{unit}: give {wanted}{unit}")
 
 
 @contextmanager
 def needing(extra: str, what: str, otherwise: str = "") -> Iterator[None]:
     """Turn the error of a missing optional library into one that names its extra.
 
-    extra: extra of this package that installs it, or several, separated by commas.
+    extra: extra of this package that installs it; several are separated by commas.
     otherwise: text on an alternative, for the end of the message.
     Raises `InputError` if an import within fails.
     """
@@ -121,10 +115,9 @@ def needing(extra: str, what: str, otherwise: str = "") -> Iterator[None]:
     except ImportError as error:
         if (error.name or "").startswith("uw_visibility"):
             raise
-        named = f"extras {extra.replace(',', ' and ')}" if "," in extra else f"extra {extra}"
         raise InputError(
-            f"{what} needs {(error.name or str(error)).partition('.')[0]}: install the {named}, "
-            f"pip install 'uw_visibility[{extra}]'{otherwise}"
+            f"{what} needs {(error.name or str(error)).partition('.')[0]}: install the extra "
+            f"{extra}, pip install 'uw_visibility[{extra}]'{otherwise}"
         ) from error
 
 

@@ -18,8 +18,7 @@ from rosbags.rosbag2 import StoragePlugin
 from small_bags import write_ros1, write_ros2
 
 from uw_visibility.errors import InputError
-from uw_visibility.replay.bags.layout import UnreadableError
-from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.bags.reader import BagReader, UnreadableError
 
 PLACES = 120
 

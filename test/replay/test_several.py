@@ -231,7 +231,7 @@ def test_list_names_what_could_be_joined_and_what_has_to_be_rectified(
     (["--nonsense"], "unrecognized arguments: --nonsense"),
     (["--every", "few"], "invalid int value: 'few'"),
     (["--jobs", "-1"], "--jobs is -1: give from 1 to "),
-    (["--images", "-1"], "--images is -1: give 1 or more"),
+    (["--images", "-1"], "--images is -1: give at least 1"),
     (["--geo", "/gps"], "there is no topic /gps in the recording: --list shows"),
     (["--geo", "/depth_sensor"], "/depth_sensor is a geometry_msgs/msg/PoseWithCovariance"),
     (["--origin", "59", "10"], "--origin is given without --geo"),

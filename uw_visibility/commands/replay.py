@@ -133,6 +133,8 @@ def run(arguments: argparse.Namespace) -> None:
             return
         targets = _targets(bags, arguments.output)
         from uw_visibility.replay.day import check_day, write_day
+        from uw_visibility.replay.report.sentences import definition
+        from uw_visibility.replay.results.folder import partial_of
 
         _refuse_inputs(arguments, targets)
         again = arguments.force or arguments.resume
@@ -141,13 +143,17 @@ def run(arguments: argparse.Namespace) -> None:
         try:
             summaries = _replay(arguments, options, targets)
         except KeyboardInterrupt:
-            _tell_partial(targets)
+            for target in targets.values():
+                if isinstance(target, Path) and partial_of(target).exists():
+                    say(f"{partial_of(target)}: --resume continues it", error=True)
             raise
         if len(targets) > 1:
             write_day(arguments.output, summaries, options, again=again)
     for summary in summaries:
         _tell(summary)
-    _tell_definition(summaries)
+    told = [s.synopsis for s in summaries if s.synopsis is not None and s.synopsis.told]
+    if told:
+        say(definition(told[0].contrast))
     if len(targets) > 1:
         say(f"{arguments.output}: index.html and frames.csv cover all recordings")
     if any(summary.lacks or summary.frames == summary.failed for summary in summaries):
@@ -304,38 +310,14 @@ def _list_joinable(reader: BagReader, topics: list[str]) -> None:
             say(f"  {each}")
 
 
-def _tell_partial(targets: dict[Place, Place]) -> None:
-    from uw_visibility.replay.results.folder import partial_of, read_state
-
-    for target in targets.values():
-        if isinstance(target, str):
-            continue
-        partial = partial_of(target)
-        try:
-            frames = read_state(partial)["frames"]
-        except (OSError, ValueError, LookupError):
-            continue
-        say(f"{partial} has {frames} frames: --resume continues it", error=True)
-
-
-def _tell_definition(summaries: list[Summary]) -> None:
-    """Print the definition of the distances once."""
-    from uw_visibility.replay.report.sentences import definition
-
-    told = [s.synopsis for s in summaries if s.synopsis is not None and s.synopsis.told]
-    if told:
-        say(definition(told[0].contrast))
-
-
 def _tell(summary: Summary) -> None:
-    from uw_visibility.replay.results.refusals import WHOLE_FRAME
+    from uw_visibility.replay.report.sentences import amount, verdict
+    from uw_visibility.replay.results.summary import WHOLE_FRAME
 
     if summary.error:
         named = "" if summary.bag in summary.error else f"{summary.bag}: "
         say(f"uw_visibility: {named}{summary.error}", error=True)
         return
-    from uw_visibility.replay.report.sentences import amount, verdict
-
     sentences = ["".join(map(str, parts)) for parts in verdict(summary)]
     for place, sentence in enumerate(sentences):
         say(f"  {sentence}" if place else f"{summary.bag}: {sentence}")

@@ -16,8 +16,7 @@ from uw_visibility.config.assumptions import ASK_TRANSFER
 from uw_visibility.config.files import sole_writer
 from uw_visibility.errors import InputError, printable
 from uw_visibility.replay import stores
-from uw_visibility.replay.bags.layout import find_files
-from uw_visibility.replay.bags.reader import BagReader
+from uw_visibility.replay.bags.reader import BagReader, find_files
 from uw_visibility.replay.frame_log import NAME as LOG
 from uw_visibility.replay.frame_log import EarlierPart
 from uw_visibility.replay.inputs.options import ReplayOptions, check_in_any, without_lacking

@@ -209,7 +209,7 @@ def test_figures_for_print_are_the_same_each_time(tmp_path, file_format, begins)
 @pytest.mark.parametrize("values", [{"attenuations": ()}, {"depths": (-1.0,)},
                                     {"attenuations": (0.1, float("nan"))}])
 def test_a_grid_that_is_no_water_is_refused(values):
-    with pytest.raises(InputError, match="give numbers between"):
+    with pytest.raises(InputError, match="give at least 0"):
         Plan([0], **values)
 
 

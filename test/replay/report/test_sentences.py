@@ -175,10 +175,10 @@ def test_what_was_carried_over_frames_that_saw_nothing_is_not_said_of_them() -> 
              event=TrackingEvent.PREDICTED) for k in range(1, 9)]
     sentences, _ = told(seen(0, 6.0, filtered=6.0, event=TrackingEvent.STARTED), *blind)
     assert sentences[2].startswith(
-        "Visibility distance was 6.00 ± 0.10 m in the frames that have one: ")
+        "Visibility distance was 6.00 ± 0.10 m in the median frame: ")
     assert "throughout" not in "".join(sentences)
     sentences, _ = told(*blind)
-    assert sentences[2].startswith("Visibility distance was 6.00 ± 0.10 m in these: ")
+    assert sentences[2].startswith("Visibility distance was 6.00 ± 0.10 m in the median frame: ")
 
 
 def test_nothing_assessed_is_said_first_and_why() -> None:
@@ -189,7 +189,7 @@ def test_nothing_assessed_is_said_first_and_why() -> None:
     assert sentences[0] == ("Visibility could not be assessed in any of 4 frames, from "
                             "2023-11-14 22:13:20 to 22:13:23 UTC.")
     assert sentences[1].startswith(
-        "Reasons why visibility could not be assessed, with numbers of frames: "
+        "Reasons why visibility could not be assessed from 4 frames alone, with numbers of frames: "
         "range spread too small (3), that is: everything")
     assert "too dark (1)" in sentences[1]
     assert "%" not in "".join(sentences)
@@ -207,8 +207,8 @@ def test_a_frame_refused_is_a_share_below_all() -> None:
     sentences, _ = told(*frames, seen(999, math.nan, status=Status.TOO_DARK))
     assert "in 999 of 1000 frames (99 %)" in sentences[0]
     assert any(
-        s.startswith("1 frame has no visibility distance of its own. Reasons, with numbers of "
-                     "frames: too dark (1)") for s in sentences)
+        s.startswith("Reasons why visibility could not be assessed from 1 frame alone, with "
+                     "numbers of frames: too dark (1)") for s in sentences)
 
 
 def test_what_lies_beyond_all_that_was_seen_is_said_to_be_extrapolated() -> None:

@@ -15,7 +15,7 @@ from frame_records import frame_estimate, frame_record, write_table
 from uw_visibility.plausibility.comparison import Verdict
 from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.records import MOST_REASONS, JoinedFrame
-from uw_visibility.replay.results.refusals import MOST_RUNS, refusals
+from uw_visibility.replay.results.summary import MOST_RUNS, refusals
 from uw_visibility.replay.table import read_table
 from uw_visibility.status import Status
 

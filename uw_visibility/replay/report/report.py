@@ -39,13 +39,13 @@ from uw_visibility.replay.report.sentences import (
 )
 from uw_visibility.replay.report.svg import ESTIMATE, FILTERED, RULE, Spot, draw, variables
 from uw_visibility.replay.report.track import draw_tracks
-from uw_visibility.replay.results.refusals import (
+from uw_visibility.replay.results.summary import (
     OTHER_CHANNELS,
     STATUS_COLUMNS,
     WHOLE_FRAME,
     Refusal,
+    Summary,
 )
-from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.table import Columns
 from uw_visibility.water.meaning.derived import QUANTITIES
 

@@ -15,8 +15,13 @@ from uw_visibility.errors import printable
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.replay.columns import word
 from uw_visibility.replay.report.meaning import MEANINGS
-from uw_visibility.replay.results.refusals import DISTANCE, OVER_FRAMES, WHOLE_FRAME
-from uw_visibility.replay.results.summary import TAKEN, Summary
+from uw_visibility.replay.results.summary import (
+    DISTANCE,
+    OVER_FRAMES,
+    TAKEN,
+    WHOLE_FRAME,
+    Summary,
+)
 from uw_visibility.replay.results.synopsis import TOLD, Synopsis
 from uw_visibility.water.meaning.derived import QUANTITIES
 
@@ -183,9 +188,8 @@ def _distance(synopsis: Synopsis) -> Sentence:
             f"Visibility distance was {rounded(low.value, low.stddev)} m in ", worst, f".{apart}"]
     if not synopsis.differs:
         spread = synopsis.relative_stddev * synopsis.median
-        where = "throughout" if synopsis.constant else "in the median frame"
-        if synopsis.constant and synopsis.assessed < synopsis.frames:
-            where = "in the frames that have one" if synopsis.assessed else "in these"
+        constant = synopsis.constant and synopsis.assessed == synopsis.frames
+        where = "throughout" if constant else "in the median frame"
         return [
             f"Visibility distance was {rounded(synopsis.median, spread)} m {where}: differences "
             f"between frames {others}are within the standard deviations. "
@@ -251,12 +255,9 @@ def _refused(summary: Summary, synopsis: Synopsis) -> Sentence:
         if refused.intersection(refusal.what.split(", ")):
             counts[refusal.why] += refusal.count
     reasons = counts.most_common()
-    own = "frame has no visibility distance of its own"
-    if missing > 1:
-        own = "frames have no visibility distance of their own"
-    text = f"{missing} {own}. Reasons, with numbers of frames: "
-    if not (synopsis.assessed and synopsis.told):
-        text = "Reasons why visibility could not be assessed, with numbers of frames: "
+    text = (
+        f"Reasons why visibility could not be assessed from {amount(missing, 'frame')} alone, with "
+        "numbers of frames: ")
     text += "; ".join(_reason(*each) for each in reasons[:MOST_REASONS])
     more = len(reasons) - MOST_REASONS
     return [text + (f"; and {more} further reasons." if more > 0 else ".")]
