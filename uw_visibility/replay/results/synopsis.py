@@ -14,6 +14,7 @@ import numpy as np
 
 from uw_visibility.images.arrays import Array
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, word
+from uw_visibility.replay.line_fit import JACKKNIFE_BLOCKS
 from uw_visibility.replay.table import Columns
 from uw_visibility.water.meaning.derived import DerivedQuantities
 from uw_visibility.water.series.tracking import TrackingEvent
@@ -22,8 +23,6 @@ from uw_visibility.water.series.tracking import TrackingEvent
 SIGNIFICANT = 2.0
 # Main quantities of a verdict, in order.
 TOLD = ("black_disc_visibility", "visibility_distance", "secchi_depth", "diffuse_attenuation_490")
-# Most medians of neighbours for the trend: the time of its test grows with their square.
-MOST_POINTS = 600
 # Least number of values for a trend: four rise or fall by chance too often (2 of 24 orders).
 FEWEST = 5
 # Least relative width of a group: that of values with three digits.
@@ -194,38 +193,19 @@ def _extreme(
 def trend(distance: Array) -> list[float]:
     """Return the medians of the first and the last third, m, of a series with a trend.
 
-    Empty without a trend. By Kendall's test, with the variance for correlated neighbours.
+    Empty without a trend. By Kendall's test over medians of blocks of neighbours, whose errors are
+    correlated.
 
     distance: (n,) float64, m, in the order of time.
-
-    References
-    ----------
-    K. H. Hamed and A. R. Rao, A modified Mann-Kendall trend test for autocorrelated data, Journal
-    of Hydrology 204, 1998, doi:10.1016/S0022-1694(97)00125-X.
     """
     if len(distance) < FEWEST or np.ptp(distance) == 0.0:
         return []
-    parts = np.array_split(np.log(distance), min(len(distance), MOST_POINTS))
-    values = np.array([np.median(part) for part in parts])
-    n = len(values)
-    time = np.arange(n, dtype=np.float64)
+    blocks = np.array_split(distance, min(len(distance), JACKKNIFE_BLOCKS))
+    medians = np.array([np.median(block) for block in blocks])
+    n = len(medians)
     earlier, later = np.triu_indices(n, 1)
-    rise = values[later] - values[earlier]
-    # Without the line of Theil and Sen; what is equal has the mean of its ranks.
-    left = values - np.median(rise / (later - earlier)) * time
-    _, place, count = np.unique(left, return_inverse=True, return_counts=True)
-    ranks = (np.cumsum(count) - 0.5 * (count - 1))[place]
-    ranks -= ranks.mean()
-    lags = np.arange(1, n - 2)
-    alike = np.array([ranks[:-lag] @ ranks[lag:] for lag in lags]) / max(ranks @ ranks, 1e-9)
-    # Insignificant correlations (5 %) do not count.
-    alike[np.abs(alike) < 1.96 / math.sqrt(n)] = 0.0
-    more = 2.0 * ((n - lags) * (n - lags - 1) * (n - lags - 2)) @ alike / (n * (n - 1) * (n - 2))
-    variance = n * (n - 1) * (2 * n + 5) / 18.0 * max(1.0 + more, 1.0)
-    pairs, unequal = len(rise), int(np.count_nonzero(rise))
-    # With the correction for equal values, as in Kendall's tau-b.
-    score = abs(np.sign(rise).sum()) * math.sqrt(pairs / max(unequal, 1))
-    if not score > SIGNIFICANT * math.sqrt(variance):
+    score = abs(np.sign(medians[later] - medians[earlier]).sum())
+    if not score > SIGNIFICANT * math.sqrt(n * (n - 1) * (2 * n + 5) / 18.0):
         return []
     third = -(-len(distance) // 3)
     return [float(np.median(distance[:third])), float(np.median(distance[-third:]))]
