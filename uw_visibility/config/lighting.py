@@ -112,22 +112,16 @@ class LightingConfig:
         angles = _for_all("beam_angles", self.beam_angles, count)
         colours = _for_all("colours", _triples(self.colours), count)
         for i, position in enumerate(positions):
-            if math.hypot(*position) < LEAST_DISTANCE:
-                raise InputError(
-                    f"parameter lighting.positions puts lamp {i + 1} at {position}, inside the "
-                    "left camera: give x, y, z of each lamp in that camera's frame, in m"
-                )
             length = math.hypot(*directions[i])
-            if length == 0:
-                raise InputError(
-                    f"parameter lighting.directions has no direction for lamp {i + 1}: give "
-                    "x, y, z of its beam's axis, not all 0"
-                )
-            if not any(colours[i]):
-                raise InputError(
-                    f"parameter lighting.colours makes lamp {i + 1} black: give R, G, B of its "
-                    "light, not all 0"
-                )
+            for name, usable, wanted in (
+                ("positions", math.hypot(*position) >= LEAST_DISTANCE,
+                 "x, y, z of each lamp in the left camera's frame, in m, outside of that camera"),
+                ("directions", length > 0.0, "x, y, z of its beam's axis, not all 0"),
+                ("colours", any(colours[i]), "R, G, B of its light, not all 0"),
+            ):
+                if not usable:
+                    raise InputError(
+                        f"parameter lighting.{name} has none for lamp {i + 1}: give {wanted}")
             x, y, z = (value / length for value in directions[i])
             yield Lamp(position, (x, y, z), angles[i] or ISOTROPIC, colours[i])
 

@@ -17,7 +17,7 @@ from uw_visibility.replay.batch import replay_bags, settle
 from uw_visibility.replay.inputs.options import ReplayOptions, check_in_any
 from uw_visibility.replay.results.folder import partial_of, partial_refused
 from uw_visibility.replay.results.summary import Summary
-from uw_visibility.replay.stores import Place, absolute, check_place, check_urls
+from uw_visibility.replay.stores import Place, check_place, check_urls
 
 # A running scheduler answers at once.
 TIMEOUT = "10s"
@@ -53,7 +53,8 @@ def replay_on_cluster(
         _check_workers(client)
         futures = {
             bag: client.submit(
-                _replay_one, absolute(bag), absolute(target), options, force, pure=False,
+                _replay_one, *(p.resolve() if isinstance(p, Path) else p for p in (bag, target)),
+                options, force, pure=False,
             )
             for bag, target in targets.items() if bag not in refused
         }

@@ -72,11 +72,6 @@ def child(folder: Place, name: str) -> Place:
     return folder / name if isinstance(folder, Path) else f"{folder}/{name}"
 
 
-def absolute(where: Place) -> Place:
-    """Return a place that is valid in other processes."""
-    return where.resolve() if isinstance(where, Path) else where
-
-
 def expand(places: Iterable[Place]) -> list[Place]:
     """Return places, with wildcards of URLs expanded, which a shell does not do.
 

@@ -190,7 +190,7 @@ def test_netcdf_says_what_it_is_when_and_where(
     (["--netcdf", "--attribute", "licence=x"], "--attribute names licence: give one of title, "),
     (["--netcdf", "--attribute", "license"], "--attribute is 'license': give a name and a text"),
     (["--attribute", "license=x"], "--attribute is given without --netcdf"),
-    (["--join", "/c="], "--join is '/c=': give a unit of UDUNITS"),
+    (["--join", "/c="], "--join is '/c=': give a topic"),
 ])
 def test_attributes_and_units_that_cannot_be_used_are_named(
     transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], told: str

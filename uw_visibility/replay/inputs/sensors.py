@@ -134,18 +134,13 @@ class ScalarTopic:
 
     @classmethod
     def parse(cls, text: str) -> ScalarTopic:
-        """Parse ``TOPIC`` or ``TOPIC.path.of.field``, with ``=unit``; topic names have no dots.
-
-        Raises `InputError` if there is no topic, or a part of the path or the unit is empty.
-        """
+        """Parse ``TOPIC`` or ``TOPIC.path.of.field``, with ``=unit``; topic names have no dots."""
         name, told, unit = text.partition("=")
         topic, _, field = name.partition(".")
-        if not topic or name.endswith(".") or ".." in name:
+        if not topic or name.endswith(".") or ".." in name or (told and not unit.strip()):
             raise InputError(
-                f"--join is {text!r}: give a topic, or a topic and a field, as in /ctd.temperature")
-        if told and not unit.strip():
-            raise InputError(
-                f"--join is {text!r}: give a unit of UDUNITS, as in /ctd.temperature=degC")
+                f"--join is {text!r}: give a topic, its field if it has several numbers, and the "
+                "unit of UDUNITS if known, as in /ctd.temperature=degC")
         return cls(topic, field, unit)
 
     def __str__(self) -> str:

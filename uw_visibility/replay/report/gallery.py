@@ -100,7 +100,7 @@ class Picture(NamedTuple):
         """Return the three images in a row, with titles, visibility, assumptions and a scale."""
         height = self.enhanced.shape[0]
         factor = height / self.raw.shape[0]
-        raw = self.raw if factor == 1.0 else _fit(self.raw, round(self.raw.shape[1] * factor))
+        raw = self.raw if factor == 1.0 else fit(self.raw, round(self.raw.shape[1] * factor))
         ends = scale and tuple(d / scale.focal_baseline for d in scale[:2])
         return side_by_side(raw, self.enhanced, self.disparity, ends, [self.caption, assumed])
 
@@ -203,14 +203,6 @@ def _write_video(path: Path, frames: Iterator[Image8], steps: Array) -> None:
         writer.release()
 
 
-def _fit(image: Image8, width: int) -> NDArray[np.uint8]:
+def fit(image: Image8, width: int) -> NDArray[np.uint8]:
     height = round(image.shape[0] * width / image.shape[1])
     return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA))
-
-
-def preview(image: Image8, width: int) -> tuple[bytes, tuple[int, int]]:
-    """Return an image of limited width as PNG, with its height and width."""
-    if image.shape[1] > width:
-        image = _fit(image, width)
-    _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    return bytes(content.tobytes()), (image.shape[0], image.shape[1])

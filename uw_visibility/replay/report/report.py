@@ -10,6 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import cv2
 import jinja2
 import numpy as np
 from markupsafe import Markup
@@ -25,7 +26,7 @@ from uw_visibility.replay.inputs.sensors import ScalarTopic
 from uw_visibility.replay.line_fit import FEWEST, LineFit, fit_line
 from uw_visibility.replay.report import figures
 from uw_visibility.replay.report.figures import draw_series
-from uw_visibility.replay.report.gallery import Gallery, gradient, preview
+from uw_visibility.replay.report.gallery import Gallery, fit, gradient
 from uw_visibility.replay.report.meaning import meaning
 from uw_visibility.replay.report.sentences import (
     Frame,
@@ -99,9 +100,10 @@ def write_report(
 
 
 def _view(what: str, image: Image8) -> dict[str, Any]:
-    png, (height, width) = preview(image, VIEW_WIDTH)
+    image = fit(image, min(VIEW_WIDTH, image.shape[1]))
+    _, png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     source = Markup(f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}")
-    return {"what": what, "source": source, "width": width, "height": height}
+    return {"what": what, "source": source, "width": image.shape[1], "height": image.shape[0]}
 
 
 def _representative(columns: Columns, summary: Summary) -> set[int]:
