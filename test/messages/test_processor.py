@@ -15,7 +15,7 @@ from scenes import in_water, processed, row_ranges, stereo_pair, texture
 
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
 from uw_visibility.messages.frames import StereoFrame
-from uw_visibility.messages.outputs import TOPICS
+from uw_visibility.messages.outputs import all_topics
 from uw_visibility.messages.processor import FrameProcessor, warm_up
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.status import Status
@@ -25,6 +25,7 @@ from uw_visibility.water.series.filter import FilteredWater
 from uw_visibility.water.series.tracking import TrackingEvent
 
 HEIGHT, WIDTH = 96, 128
+TOPICS = all_topics(NodeConfig())
 ESTIMATES = {topic for topic in TOPICS if topic.startswith("visibility/")}
 
 

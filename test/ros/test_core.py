@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from uw_visibility.config.schema import NodeConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.network import NetworkError
 from uw_visibility.messages.estimates import ImageHeader
 from uw_visibility.messages.frames import StereoFrame
-from uw_visibility.messages.outputs import TOPICS
+from uw_visibility.messages.outputs import all_topics
 from uw_visibility.pipeline.result import EnhancedImages, FrameResult, StereoResult
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
@@ -43,6 +44,7 @@ from uw_visibility.water.series.filter import FilteredWater
 from uw_visibility.water.series.survey import SurveyEstimate
 from uw_visibility.water.series.tracking import TrackingEvent
 
+TOPICS = all_topics(NodeConfig())
 ESTIMATES = {topic for topic in TOPICS if topic.startswith("visibility/")}
 
 

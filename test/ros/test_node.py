@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from uw_visibility.config.schema import NodeConfig
 from uw_visibility.messages.images import read_image
-from uw_visibility.messages.outputs import TOPICS
+from uw_visibility.messages.outputs import all_topics
 from uw_visibility.status import Status
 
-STAMPED = [topic for topic, name in TOPICS.items() if name != "std_msgs/msg/Float64"]
+STAMPED = [
+    topic for topic, name in all_topics(NodeConfig()).items() if name != "std_msgs/msg/Float64"]
 # What an operator waits for, with a margin for a machine under load, s.
 LONGEST_END = 10.0
 IMAGES = [topic for topic in STAMPED if not topic.startswith("visibility/")]

@@ -17,7 +17,6 @@ import sys
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from functools import partial
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -246,10 +245,6 @@ def all_topics(config: NodeConfig) -> dict[str, str]:
         topic: output.kind for topic, output in _OUTPUTS.items()
         if not output.switch or getattr(config, output.switch)
     }
-
-
-TOPICS = MappingProxyType(all_topics(NodeConfig()))
-"""Type of message by topic, without the optional ones."""
 
 
 def enhanced_sides(topics: Collection[str]) -> tuple[str, ...]:

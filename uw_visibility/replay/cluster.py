@@ -40,7 +40,11 @@ def replay_on_cluster(
     with needing("distributed", "--scheduler"):
         distributed = importlib.import_module("distributed")
     check_urls([*targets, *targets.values()])
-    refused = _check_targets(targets, force, resume)
+    for target in () if resume else targets.values():
+        check_place(target, force)
+        # Workers cannot check this: a partial result may be that of a lost worker, and is resumed.
+        if not force and isinstance(target, Path) and partial_of(target).exists():
+            raise partial_refused(partial_of(target))
     if len(targets) > 1:
         if not resume:
             check_in_any(targets, options)
@@ -56,36 +60,17 @@ def replay_on_cluster(
                 _replay_one, *(p.resolve() if isinstance(p, Path) else p for p in (bag, target)),
                 options, force, pure=False,
             )
-            for bag, target in targets.items() if bag not in refused
+            for bag, target in targets.items()
         }
         try:
             waiting = distributed.as_completed(list(futures.values()), loop=client.loop)
             for done, _ in enumerate(waiting, 1):
                 print(f"{done} of {len(futures)} recordings", file=sys.stderr, flush=True)
             return settle(targets, [
-                refused.get(bag) or _outcome(bag, futures[bag], distributed.KilledWorker)
-                for bag in targets
+                _outcome(bag, future, distributed.KilledWorker) for bag, future in futures.items()
             ])
         finally:
             client.cancel(list(futures.values()))
-
-
-def _check_targets(
-    targets: Mapping[Place, Place], force: bool, resume: bool
-) -> dict[Place, InputError]:
-    """Return an error for each recording with a partial result, without --resume or --force.
-
-    Workers cannot check this: a partial result may be that of a lost worker, and is resumed.
-    """
-    if not resume:
-        for target in targets.values():
-            check_place(target, force)
-    if resume or force:
-        return {}
-    return {
-        bag: partial_refused(partial) for bag, target in targets.items()
-        if isinstance(target, Path) and (partial := partial_of(target)).exists()
-    }
 
 
 def _check_workers(client: Any) -> None:

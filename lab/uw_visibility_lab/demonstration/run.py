@@ -15,7 +15,8 @@ from typing import TypeVar
 import numpy as np
 
 from uw_visibility.config.files import Products, gathered
-from uw_visibility.messages.outputs import TOPICS
+from uw_visibility.config.schema import NodeConfig
+from uw_visibility.messages.outputs import all_topics
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.progress import progress_bar, tell
@@ -38,7 +39,9 @@ Item = TypeVar("Item")
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
-STAMPED = {topic: kind for topic, kind in TOPICS.items() if kind != "std_msgs/msg/Float64"}
+STAMPED = {
+    topic: kind for topic, kind in all_topics(NodeConfig()).items()
+    if kind != "std_msgs/msg/Float64"}
 """Type of message by topic, of messages with a stamp."""
 
 TRUTH = "/ground_truth/"
