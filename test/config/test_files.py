@@ -119,8 +119,6 @@ def test_of_many_writers_one_at_a_time_is_inside(tmp_path: Path) -> None:
 
 
 ONE = Products("mark.json", ("table.csv", "images/", "images/*.png"), "nothing", keys=("ours",))
-ALL = Products("all.json", ("index.html",), "nothing", folders=Products(
-    "mark.json", ("table.csv",), "nothing"))
 
 
 def write(folder: Path, *names: str) -> None:
@@ -144,19 +142,6 @@ def test_only_what_holds_nothing_else_is_removed(tmp_path: Path) -> None:
         ONE.remove(out)
     write(out, "mark.json", ".table.csv.0123456789ab.partial")
     ONE.remove(out)
-    assert not out.exists()
-
-
-def test_folders_in_a_folder_need_their_own_mark(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    write(out, "all.json", "one/mark.json", "one/table.csv", "two/table.csv")
-    with pytest.raises(InputError, match="two is not a result"):
-        ALL.remove(out)
-    write(out, "two/mark.json", "two/dive.mcap")
-    with pytest.raises(InputError, match=r"two/dive\.mcap is not a result"):
-        ALL.remove(out)
-    (out / "two" / "dive.mcap").unlink()
-    ALL.remove(out)
     assert not out.exists()
 
 

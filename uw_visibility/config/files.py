@@ -39,14 +39,12 @@ class Products:
     files: patterns of the others, relative to the folder; a folder in it ends with ``/``.
     what: description of a folder without the mark in errors, such as ``no replay``.
     keys: texts, one of which the mark contains; empty if the mark's name is enough.
-    folders: products of every other folder in it.
     """
 
     mark: str
     files: tuple[str, ...]
     what: str
     keys: tuple[str, ...] = ()
-    folders: Products | None = None
 
     def includes(self, name: str) -> bool:
         """Return whether a name, relative to the folder, is that of a product."""
@@ -59,21 +57,7 @@ class Products:
 
     def foreign(self, names: Iterable[str]) -> str | None:
         """Return the first name that is not a product's, or None; folders end with ``/``."""
-        within: dict[str, list[str]] = {}
-        for name in names:
-            folder, slash, rest = name.partition("/")
-            if self.includes(name):
-                continue
-            if self.folders is None or not slash:
-                return name
-            within.setdefault(folder, []).extend([rest] if rest else [])
-        for folder, inner in within.items():
-            if self.folders is None or self.folders.mark not in inner:
-                return f"{folder}/"
-            found = self.folders.foreign(inner)
-            if found is not None:
-                return f"{folder}/{found}"
-        return None
+        return next((name for name in names if not self.includes(name)), None)
 
     def marks(self, folder: Path) -> bool:
         """Return whether a folder, which must not be a link, has the mark."""
@@ -107,9 +91,8 @@ class Products:
         names = list(_names(folder))
         self.check_names(folder, names, self.marks(folder))
         # The mark is the last file removed, so that the remains of a killed run are recognised.
-        marks = {self.mark, "" if self.folders is None else self.folders.mark}
         for name in sorted(names, reverse=True, key=lambda name: [
-            (part not in marks, part) for part in name.rstrip("/").split("/")
+            (part != self.mark, part) for part in name.rstrip("/").split("/")
         ]):
             path = folder / name
             if name.endswith("/"):

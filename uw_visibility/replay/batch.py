@@ -26,7 +26,7 @@ from uw_visibility.replay.progress import Progress
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.report.sentences import verdict
 from uw_visibility.replay.results.exports import check_exports, write_exports
-from uw_visibility.replay.results.folder import DAY, MARK, RESULT, TABLE, ResultFolder, read_state
+from uw_visibility.replay.results.folder import MARK, RESULT, TABLE, ResultFolder, read_state
 from uw_visibility.replay.results.joining import Joiner
 from uw_visibility.replay.results.provenance import FileHash, Origin
 from uw_visibility.replay.results.recorder import FrameRecorder, copied_topics, frame_topics
@@ -122,7 +122,7 @@ def _replay(
         stores.recording_here(bag) as recording,
         stores.result_here(target, force=force) as place,
         BagReader(recording) as reader,
-        sole_writer(place, RESULT, DAY),
+        sole_writer(place, RESULT),
     ):
         used, lacks = without_lacking(reader, options) if options.several else (options, {})
         stream = InputStream(reader, used)

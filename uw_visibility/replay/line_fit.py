@@ -6,9 +6,8 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -72,16 +71,14 @@ class LineFit:
         """
         content = read_document(path, "fit")
         try:
-            texts = ("source", "against")
-            values: dict[str, Any] = {
-                name: str(value) if name in texts else float(value)
-                for name, value in content.items()
-            }
-            for name, value in values.items():
-                if name not in texts and not abs(value) <= LARGEST:
-                    raise ValueError(f"{name} is {value:g}")
-            return cls(**values | {"frames": int(values["frames"])})
-        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            fit = cls(**content)
+            source, against, *numbers = astuple(fit)
+            if not (isinstance(source, str) and isinstance(against, str)):
+                raise TypeError("source and against are names")
+            if not all(abs(number) <= LARGEST for number in numbers):
+                raise ValueError("a number is too large")
+            return fit
+        except (TypeError, ValueError) as error:
             raise InputError(
                 f"{path} is not a fit of a joined topic, {error}: give fit_….json of replay --join"
             ) from error

@@ -16,7 +16,6 @@ from typing import Any, TypeAlias
 from uw_visibility.config.files import PARTIAL, new_name
 from uw_visibility.errors import InputError, needing, refusing
 from uw_visibility.replay.results.folder import (
-    DAY,
     DAY_MARK,
     MARK,
     RESULT,
@@ -214,10 +213,9 @@ def _replaced(store: Any, path: str, target: str, force: bool) -> list[str]:
         PurePosixPath(name).relative_to(path).as_posix() for name in store.find(path)]
     if not names:
         return []
-    products = DAY if DAY_MARK in names else RESULT
-    refuse_to_replace(target, products, products.mark in names, force)
-    products.check_names(target, names, marked=True)
-    return sorted(names, key=lambda name: name != products.mark)
+    refuse_to_replace(target, MARK in names, several=DAY_MARK in names, force=force)
+    RESULT.check_names(target, names, marked=True)
+    return sorted(names, key=lambda name: name != MARK)
 
 
 def _fetch(store: Any, path: str, here: Path) -> None:

@@ -30,9 +30,8 @@ DECOMPRESSORS: dict[str, Callable[[], Any]] = {
     "bz2": bz2.BZ2Decompressor,
 }
 
-# First bytes of compressed data.
+# First bytes of data compressed by Zstandard.
 ZSTD = b"\x28\xb5\x2f\xfd"
-MAGIC = {"zstd": ZSTD, "lz4": b"\x04\x22\x4d\x18", "bz2": b"BZh"}
 
 
 class PackingError(Exception):
@@ -40,10 +39,8 @@ class PackingError(Exception):
 
 
 def unpack(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> bytes:
-    """Decompress data.
+    """Decompress data, up to `most` bytes, of a compression: zstd, lz4, bz2, or "" or none.
 
-    compression: "zstd", "lz4", "bz2", or "" or "none" for none.
-    most: limit of decompressed bytes.
     Raises `PackingError` if the data cannot be decompressed completely.
     """
     unpacked, problem = unpack_part(data, compression, most)
@@ -60,11 +57,7 @@ def unpack_part(data: bytes, compression: str, most: int = MOST_AT_ONCE) -> tupl
     if compression in ("", "none"):
         return data, "" if len(data) <= most else f"more than {most} bytes"
     if compression not in DECOMPRESSORS:
-        # The name is damaged, but the data begin with a magic number.
-        named = [name for name, magic in MAGIC.items() if data.startswith(magic)]
-        if not named:
-            return b"", "unknown compression"
-        compression = named[0]
+        return b"", "unknown compression"
     parts: list[bytes] = []
     size = 0
     rest = data

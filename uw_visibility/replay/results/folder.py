@@ -35,8 +35,8 @@ RESULT = Products(
         "results/", "results/results.mcap", "results/metadata.yaml"),
     "no replay")
 """Files of a complete or partial result."""
-DAY = Products(DAY_MARK, ("index.html", *TABLES), "no replay of several recordings", folders=RESULT)
-"""Files for several recordings, with a folder for the result of each."""
+DAY = Products(DAY_MARK, ("index.html", *TABLES), "no replay of several recordings")
+"""Files for several recordings, beside a folder for the result of each."""
 
 
 def partial_of(target: Path) -> Path:
@@ -70,24 +70,19 @@ def check_target(target: Path, force: bool) -> None:
         return
     if target.is_dir() and not target.is_symlink() and not any(target.iterdir()):
         return
-    products = products_of(target)
-    refuse_to_replace(target, products, products.marks(target), force)
-    products.check(target)
+    several = (target / DAY_MARK).is_file()
+    refuse_to_replace(target, RESULT.marks(target), several=several, force=force)
+    RESULT.check(target)
 
 
-def products_of(folder: Path) -> Products:
-    """Return the files of a folder of results, of one or several recordings."""
-    return DAY if (folder / DAY_MARK).is_file() else RESULT
-
-
-def refuse_to_replace(target: Path | str, products: Products, marked: bool, force: bool) -> None:
-    """Refuse to replace a folder that is not a result, or a result without `force`."""
+def refuse_to_replace(target: Path | str, marked: bool, *, several: bool, force: bool) -> None:
+    """Refuse to replace a folder that is not the result of one recording, or without `force`."""
+    if several:
+        raise InputError(f"{target} has the results of several recordings: give another name")
     if not marked:
-        raise InputError(f"{target} exists already and is {products.what}: give another name")
+        raise InputError(f"{target} exists already and is {RESULT.what}: give another name")
     if not force:
-        several = " with several recordings" if products is DAY else ""
-        raise InputError(
-            f"{target} exists already{several}: give another name, or --force to replace")
+        raise InputError(f"{target} exists already: give another name, or --force to replace")
 
 
 def check_names(names: Sequence[str]) -> None:
@@ -155,7 +150,7 @@ class ResultFolder:
     def check_complete(self) -> None:
         """Refuse to rename the result if something else appeared at its target meanwhile."""
         try:
-            check_replaced(self.target, products_of(self.target), self._before)
+            check_replaced(self.target, RESULT, self._before)
         except InputError as error:
             raise InputError(
                 f"{error}; the result is in {self.work}, and --resume completes it"
@@ -163,7 +158,7 @@ class ResultFolder:
 
     def complete(self) -> None:
         """Rename the complete result to its target."""
-        replace_folder(self.work, self.target, products_of(self.target), self._before)
+        replace_folder(self.work, self.target, RESULT, self._before)
 
     def _make_room(self, force: bool, resume: bool) -> None:
         touched = (self.work, self._old) if resume or force else (self.work,)
