@@ -214,7 +214,7 @@ def course(synopsis: Synopsis) -> str:
         first, last = synopsis.trend
         return (
             f" It {'rises' if last > first else 'falls'}: median of the first third of the frames "
-            f"{number(first)} m, of the last third {number(last)} m (Kendall's test).")
+            f"{number(first)} m, of the last third {number(last)} m (Kendall's test, beyond 2 σ).")
     return ""
 
 
