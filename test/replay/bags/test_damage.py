@@ -282,6 +282,19 @@ def test_without_metadata_the_files_are_read(copied: Path, tmp_path: Path) -> No
     assert (done.code, frames(done.rows)) == (0, FRAMES)
 
 
+@pytest.mark.parametrize(("name", "content", "why"), [
+    ("a.mcap", b"", "it is empty"), ("a.bag", b"", "it is empty"),
+    ("a.mcap", b"\x89MCAP0", "its end is missing"),
+])
+def test_a_file_that_was_hardly_begun_is_said_to_be_so(
+    tmp_path: Path, name: str, content: bytes, why: str
+) -> None:
+    """As after a full disk: the recorder opens a file, and writes nothing into it."""
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=f"cannot read bag .*{name}: {why}"):
+        BagReader(tmp_path / name)
+
+
 def test_nothing_readable_is_exit_code_1_and_no_bag_is_2(
     copied: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

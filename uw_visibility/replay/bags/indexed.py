@@ -51,6 +51,8 @@ def open_file(path: Path) -> Storage:
                 return SqliteFile(path)
             except sqlite3.Error as error:
                 raise _broken(path, error) from error
+    if not path.stat().st_size:
+        raise InputError(f"cannot read bag {path}: it is empty, nothing was recorded into it")
     try:
         return IndexedFile(path)
     except Exception as error:
@@ -120,10 +122,10 @@ class IndexedFile:
 def _check_index(path: Path) -> None:
     """Raise ValueError for an MCAP index that is missing or differs from its checksum."""
     with Source(path) as source:
-        end = source.read(source.size - FOOTER_SIZE, FOOTER_SIZE)
-        begin, _, checksum, magic = FOOTER.unpack(end)
-        if magic != MAGIC:
+        end = source.read(max(source.size - FOOTER_SIZE, 0), FOOTER_SIZE)
+        if len(end) < FOOTER_SIZE or not end.endswith(MAGIC):
             raise ValueError("its end is missing")
+        begin, _, checksum, _ = FOOTER.unpack(end)
         if begin and checksum:
             # The checksum covers everything from the index up to itself.
             index = source.read(begin, source.size - begin - 12)
