@@ -346,9 +346,10 @@ def test_frames_that_were_lost_do_not_hide_why_there_is_no_water() -> None:
     kept.add(result(FLAT), 0.1, 1.0)
     finding = kept.diagnose("", 0)
     assert finding.level == WARN
-    assert finding.message == f"the water is not assessable: {FLAT}; frames were lost lately"
+    lost = "lately dropped a frame: left image: too dark"
+    assert finding.message == f"the water is not assessable: {FLAT}; {lost}"
     kept.add(result(Status.OK), 0.1, 1.0)
-    assert kept.diagnose("", 0).message == "frames were lost lately"
+    assert kept.diagnose("", 0).message == lost
 
 
 def test_first_frame_after_a_pause_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:

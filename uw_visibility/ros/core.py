@@ -500,7 +500,8 @@ class PipelineState:
         missing = self._missing()
         if recent.get("refused") or recent.get("failed"):
             level = ERROR if recent.get("failed") else WARN
-            lost = "; ".join(filter(None, (missing, "frames were lost lately")))
+            latest = next(iter(self.failures.problems(1))).removeprefix("problem: ")
+            lost = "; ".join(filter(None, (missing, f"lately {latest}")))
             return Finding(level, self._problem or lost, values)
         survey = self._filtered.survey if self._filtered is not None else None
         if survey is not None:
