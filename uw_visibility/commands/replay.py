@@ -134,9 +134,12 @@ def run(arguments: argparse.Namespace) -> None:
         targets = _targets(bags, arguments.output)
         from uw_visibility.replay.day import check_day, write_day
         from uw_visibility.replay.report.sentences import definition
-        from uw_visibility.replay.results.folder import partial_of
+        from uw_visibility.replay.results.folder import partial_of, places_of
 
-        _refuse_inputs(arguments, targets)
+        refuse_inputs(
+            [*targets, arguments.params_file, *arguments.calibration, arguments.turbidity],
+            [place for target in targets.values()
+             for place in ([target] if isinstance(target, str) else places_of(target))])
         again = arguments.force or arguments.resume
         if len(targets) > 1:
             check_day(arguments.output, again=again)
@@ -217,16 +220,6 @@ def _targets(bags: list[Place], output: Place | None) -> dict[Place, Place]:
         with refusing(f"cannot make folder {output}"):
             output.mkdir(parents=True, exist_ok=True)
     return {bag: child(output, name) for bag, name in zip(bags, names, strict=True)}
-
-
-def _refuse_inputs(arguments: argparse.Namespace, targets: dict[Place, Place]) -> None:
-    """Refuse targets that contain an input of the run."""
-    from uw_visibility.replay.results.folder import places_of
-
-    refuse_inputs(
-        [*targets, arguments.params_file, *arguments.calibration, arguments.turbidity],
-        [place for target in targets.values()
-         for place in ([target] if isinstance(target, str) else places_of(target))])
 
 
 def _list_all(bags: list[Place], options: ReplayOptions) -> None:

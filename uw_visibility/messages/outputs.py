@@ -142,11 +142,6 @@ def disparity(source: Source) -> Any:
     )
 
 
-def depth_image(source: Source) -> Any:
-    """Make the depth image (REP 118): Z in m, NaN where nothing was matched."""
-    return write_image(source.make, source.depth, "32FC1", source.headers["left"])
-
-
 def points(source: Source) -> Any:
     """Make the cloud of the matched pixels: one point per pixel, NaN where none was matched."""
     rig, depth = source.pair.rig, source.depth
@@ -219,7 +214,9 @@ _OUTPUTS = {
     "right/enhanced/image": Output("sensor_msgs/msg/Image", partial(enhanced_image, "right")),
     "right/enhanced/camera_info": Output(
         "sensor_msgs/msg/CameraInfo", partial(camera_info, "right")),
-    "depth/image": Output("sensor_msgs/msg/Image", depth_image, "publish_depth_image"),
+    # REP 118: Z in m, NaN where nothing was matched.
+    "depth/image": Output("sensor_msgs/msg/Image", lambda source: write_image(
+        source.make, source.depth, "32FC1", source.headers["left"]), "publish_depth_image"),
     # The depth image has the geometry of the left rectified image.
     "depth/camera_info": Output(
         "sensor_msgs/msg/CameraInfo", partial(camera_info, "left"), "publish_depth_image"),
