@@ -100,24 +100,11 @@ class Restorer:
         surfaces fade into them. Grain is not amplified, see `uw_visibility.enhancement.grain`.
         A channel that is not assessable stays unchanged.
 
-        Parameters
-        ----------
-        image : (H, W, 3) or (H, W) ndarray of uint8 or uint16
-            Pixel values.
-        range_map : (H, W) float32 ndarray
-            Range along the line of sight, m; unknown where NaN, inf or negative.
-        water : RestorationWater
-        noise : (3,) or (1,) float64 ndarray, optional
-            Standard deviation of the image's noise in code values; measured by default.
-        known : (H, W) float32 ndarray, optional
-            Reliability of the range, 0..1, see `known_range`; 1 by default.
-
-        Returns
-        -------
-        enhanced : ndarray
-            With the image's shape and type.
-        limited : (H, W) bool ndarray
-            Where an assessable channel is restored by less than half.
+        `image` is (H, W, 3) or (H, W) of uint8 or uint16; `range_map` (H, W) is along the line of
+        sight, m, unknown where NaN, inf or negative; `noise` (3,) or (1,) is the standard deviation
+        of the image's noise in code values, measured by default; `known` (H, W) is the reliability
+        of the range, 0..1, see `known_range`, 1 by default. Returns the image restored, and where
+        an assessable channel is restored by less than half, (H, W) bool.
         """
         planes = as_channels(image, range_map)
         decode = linear_table(self._transfer, image.dtype)

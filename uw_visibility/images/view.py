@@ -86,10 +86,8 @@ class View:
         smoothed = np.minimum(self.low_frequency_noise, limit)
         return replace(self, noise=noise, colour=colour, low_frequency_noise=smoothed)
 
-    def without(self, mask: Mask | None) -> View:
-        """Return the view with the pixels of a mask not valid; None is an empty mask."""
-        if mask is None:
-            return self
+    def without(self, mask: Mask) -> View:
+        """Return the view with the pixels of a mask not valid."""
         return replace(self, valid=~mask if self.valid is None else self.valid & ~mask)
 
 

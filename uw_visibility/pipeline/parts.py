@@ -122,9 +122,7 @@ def estimate_water(
     camera = config.camera
     image = read_only(np.ascontiguousarray(image))
     centres = (rig.principal_point, rig.principal_point_right or rig.principal_point)
-    illumination = FlatFieldCorrection(camera, centres, Workers(1))
-    if illumination.needed:
-        image, _ = illumination.correct(image, image)
+    image, _ = FlatFieldCorrection(camera, centres, Workers(1)).correct(image, image)
     assessor = Assessor(config)
     estimators = Estimators(config, assessor, rig)
     range_map = rig.range_from_disparity(disparity.astype(np.float32))

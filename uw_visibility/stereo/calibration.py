@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,30 +25,8 @@ DISTORTION_COEFFICIENTS = {
 }
 
 
-class RegionOfInterest(Protocol):
-    """``sensor_msgs/RegionOfInterest`` of rclpy or rosbags."""
-
-    x_offset: int
-    y_offset: int
-    height: int
-    width: int
-    do_rectify: bool
-
-
-class CameraInfo(Protocol):
-    """``sensor_msgs/CameraInfo`` of rclpy or rosbags, of ROS 1 or ROS 2.
-
-    `matrix_of` reads D, K, R and P, whose names differ between the two.
-    """
-
-    height: int
-    width: int
-    distortion_model: str
-    binning_x: int
-    binning_y: int
-
-    @property
-    def roi(self) -> RegionOfInterest: ...
+CameraInfo: TypeAlias = Any
+"""``sensor_msgs/CameraInfo`` of rclpy or rosbags, of ROS 1 or ROS 2; see `matrix_of`."""
 
 
 @dataclass(frozen=True, eq=False)

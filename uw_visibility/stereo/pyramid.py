@@ -67,9 +67,9 @@ class Pyramid:
             small = replace(small, low_frequency_noise=limit)
         return small
 
-    def upsample_mask(self, mask: Mask | None) -> NDArray[np.bool_] | None:
+    def upsample_mask(self, mask: Mask) -> Mask:
         """Return a mask of the small images at full size."""
-        return None if mask is None else self._repeat(mask)
+        return self._repeat(mask)
 
     def rig(self, rig: StereoRig) -> StereoRig:
         """Return the geometry of the small images."""

@@ -68,14 +68,8 @@ class Visibility:
 class Assessor:
     """Assessment of visibility and depth from an estimate of the water's state.
 
-    Raises `InputError` if the camera's spectral response cannot be loaded.
-
-    Attributes
-    ----------
-    clear_water_attenuation : (3,) float64 ndarray
-        κ, 1/m.
-    daylight : Daylight
-        Prior of the ambient light's colour, for the estimate.
+    `clear_water_attenuation` is κ, (3,), 1/m, `daylight` the prior of the ambient light's colour,
+    for the estimate. Raises `InputError` if the camera's spectral response cannot be loaded.
     """
 
     def __init__(self, config: PipelineConfig) -> None:
