@@ -144,7 +144,7 @@ def test_the_report_opens_with_what_the_table_says(replayed: Path) -> None:
     assert found, opening
     assert [float(value) for value in found.groups()] == pytest.approx(
         [min(filtered), max(filtered), np.median(filtered)], rel=0.01)
-    assert "The filter over frames rejected none" in opening
+    assert "The filter rejected none" in opening
     # Before any figure, and with its definition.
     places = [page.text.index(part) for part in ('"verdict"', 'id="definition"', "<svg")]
     assert places == sorted(places)

@@ -267,7 +267,7 @@ def test_the_filter_and_surveys_are_told() -> None:
             "between are not detected." in sentences[3])
     assert "The filter rejected 1 of 3 frames." in sentences
     sentences, _ = told(seen(0, 5.0, filtered=6.0, event=event.STARTED))
-    assert sentences[-1] == "The filter over frames rejected none of 1 estimate."
+    assert sentences[-1] == "The filter rejected none of 1 frame."
     together = SurveyEstimate(frame_estimate().water, 30, 20.0, 1.6, 2.2)
     sentences, _ = told(*(
         seen(k, math.nan, status=Status.RANGE_SPREAD_TOO_SMALL, filtered=6.0,

@@ -11,6 +11,7 @@ from frame_records import frame_estimate, frame_record, write_table
 
 from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.records import JoinedFrame
+from uw_visibility.replay.report.sentences import filtering
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.summary import Summary
 from uw_visibility.replay.table import read_table
@@ -42,22 +43,22 @@ def test_rejected_frames_and_runs_that_were_followed_are_told(tmp_path: Path) ->
     frames = [frame(TrackingEvent(event)) for event in (
         "started", "updated", "outlier", "outlier", "restarted", "outlier", "updated",
         "predicted", "not assessable")]
-    told = "the filter rejected 3 of 7 frames, and accepted 1 run of such frames as a change"
-    assert counted(tmp_path, *frames).rejections() == told
+    told = "The filter rejected 3 of 7 frames, and accepted 1 run of such frames as a change."
+    assert [told] in filtering(counted(tmp_path, *frames))
     frames = [frame(TrackingEvent.STARTED), frame(TrackingEvent.UPDATED)]
-    assert counted(tmp_path, *frames).rejections() == ""
+    assert ["The filter rejected none of 2 frames."] in filtering(counted(tmp_path, *frames))
 
 
 def test_what_a_survey_rests_on_is_told_again_from_its_table(tmp_path: Path) -> None:
     summary = counted(
         tmp_path, frame(TrackingEvent.NOT_ASSESSABLE),
         surveyed(20, 1.7, 2.2), surveyed(21, 1.6, 2.1))
-    told = ("filtered water of 2 frames is from a survey: up to 21 frames together, "
-            "ranges from 1.60 to 2.20 m")
-    assert summary.surveyed() == told
+    told = ["Filtered water of 2 frames is from a survey: up to 21 frames together, "
+            "ranges from 1.60 to 2.20 m."]
+    assert told in filtering(summary)
     again = Summary.of_finished("bag", "out", summary.state(ORIGIN), tmp_path / "frames.csv")
-    assert again.surveyed() == told
-    assert counted(tmp_path, frame(TrackingEvent.UPDATED)).surveyed() == ""
+    assert told in filtering(again)
+    assert not counted(tmp_path, frame(TrackingEvent.UPDATED)).survey
 
 
 def test_a_result_whose_table_is_damaged_is_not_told_again(tmp_path: Path) -> None:

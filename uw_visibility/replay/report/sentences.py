@@ -18,12 +18,12 @@ from uw_visibility.replay.report.meaning import MEANINGS
 from uw_visibility.replay.results.summary import (
     DISTANCE,
     OVER_FRAMES,
-    TAKEN,
     WHOLE_FRAME,
     Summary,
 )
 from uw_visibility.replay.results.synopsis import TOLD, Synopsis
 from uw_visibility.water.meaning.derived import QUANTITIES
+from uw_visibility.water.series.tracking import TrackingEvent
 
 # 1990, ns: clocks that were never set start in 1970 or 1980.
 FIRST_DATE = 631_152_000 * 10**9
@@ -69,7 +69,7 @@ def verdict(summary: Summary) -> list[Sentence]:
     if synopsis.start < FIRST_DATE:
         found.append([CLOCK_NOT_SET])
     refused = _refused(summary, synopsis)
-    return [*found, *([refused] if refused else []), *_filtering(summary)]
+    return [*found, *([refused] if refused else []), *filtering(summary)]
 
 
 def assumed(summary: Summary) -> str:
@@ -169,7 +169,8 @@ def _headline(synopsis: Synopsis) -> Sentence:
     paper += ", filtered over frames" if synopsis.filtered else ""
     parts = "; ".join(
         f"{each.title} {each.value}: {each.what}" for each in headline(synopsis.typical, paper))
-    return [f"{_sentence(parts)} In brackets: 16th to 84th percentile of the median frame."]
+    return [
+        f"{parts[0].upper()}{parts[1:]}. In brackets: 16th to 84th percentile of the median frame."]
 
 
 def _distance(synopsis: Synopsis) -> Sentence:
@@ -274,23 +275,24 @@ def _reason(reason: str, count: int) -> str:
     return f"{text}, that is: {_lower(meant).rstrip('.')}" if meant else text
 
 
-def _filtering(summary: Summary) -> list[Sentence]:
+def filtering(summary: Summary) -> list[Sentence]:
+    """Return sentences on the filter over frames, and on surveys."""
     found: list[Sentence] = []
-    events = summary.counts["filtering"]
-    taken = sum(events[word(event)] for event in TAKEN)
-    if summary.rejections():
-        found.append([_sentence(summary.rejections())])
-    elif taken:
-        found.append([f"The filter over frames rejected none of {amount(taken, 'estimate')}."])
-    elif not events:
+    events = {event: summary.counts["filtering"][word(event)] for event in TrackingEvent}
+    rejected, runs = events[TrackingEvent.OUTLIER], events[TrackingEvent.RESTARTED]
+    estimates = rejected + runs + events[TrackingEvent.STARTED] + events[TrackingEvent.UPDATED]
+    if estimates:
+        changes = f", and accepted {amount(runs, 'run')} of such frames as a change"
+        found.append([
+            f"The filter rejected {rejected or 'none'} of {amount(estimates, 'frame')}"
+            f"{changes if rejected and runs else ''}."])
+    elif not summary.counts["filtering"]:
         found.append(["Frames were not filtered over time."])
-    if summary.surveyed():
-        found.append([_sentence(summary.surveyed())])
+    if summary.survey:
+        found.append([
+            "Filtered water of {count} frames is from a survey: up to {frames} frames together, "
+            "ranges from {range_min:.2f} to {range_max:.2f} m.".format(**summary.survey)])
     return found
-
-
-def _sentence(text: str) -> str:
-    return f"{text[0].upper()}{text[1:]}."
 
 
 def _lower(text: str) -> str:

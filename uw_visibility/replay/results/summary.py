@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.plausibility.comparison import Verdict
-from uw_visibility.replay.columns import COLUMNS, FAILED, word
+from uw_visibility.replay.columns import COLUMNS, FAILED
 from uw_visibility.replay.records import FURTHER, MOST_REASONS
 from uw_visibility.replay.results.provenance import Origin
 from uw_visibility.replay.results.synopsis import Synopsis, synopsis
 from uw_visibility.replay.table import Columns, read_table
-from uw_visibility.water.series.tracking import TrackingEvent
 
 WHOLE_FRAME = "the whole frame"
 DISTANCE, OTHER_CHANNELS = "visibility distance", "visibility distance of all channels"
@@ -34,8 +33,6 @@ STATUS_COLUMNS = {"water": "status", DISTANCE: "visibility_status",
 JUDGED = (Verdict.OK, Verdict.WARN, Verdict.ERROR)
 MOST_RUNS = 8
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
-TAKEN = (TrackingEvent.STARTED, TrackingEvent.UPDATED, TrackingEvent.RESTARTED)
-"""Events of frames that updated the filter."""
 COUNTED = (
     "status", "visibility_status", "depth_status", "filtering", "plausibility", "water_type",
     "filtered_water_type")
@@ -111,29 +108,6 @@ class Summary:
                 "range_max": float(np.nanmax(found["survey_range_max"]))}
         self.refusals = refusals(found)
         self.synopsis = synopsis(found, contrast, baselines)
-
-    def rejections(self) -> str:
-        """Return the number of frames that the filter rejected as text; empty for none."""
-        events = self.counts["filtering"]
-        rejected = events[word(TrackingEvent.OUTLIER)]
-        estimates = sum(events[word(event)] for event in TAKEN) + rejected
-        if not rejected:
-            return ""
-        followed = events[word(TrackingEvent.RESTARTED)]
-        runs = "1 run" if followed == 1 else f"{followed} runs"
-        return (
-            f"the filter rejected {rejected} of {estimates} frames"
-            + (f", and accepted {runs} of such frames as a change" if followed else "")
-        )
-
-    def surveyed(self) -> str:
-        """Describe the surveys in the filtered water; empty without any."""
-        if not self.survey:
-            return ""
-        return (
-            "filtered water of {count} frames is from a survey: up to {frames} frames "
-            "together, ranges from {range_min:.2f} to {range_max:.2f} m".format(**self.survey)
-        )
 
     def state(self, origin: Origin) -> dict[str, Any]:
         """Serialise the summary and its origin for JSON."""
