@@ -111,7 +111,8 @@ def run_case(
     single_pass.setMode(cv2.StereoSGBM_MODE_SGBM)
 
     def match() -> None:
-        matcher.describe(*contrast)
+        for side, view in enumerate(contrast):
+            matcher.describe_view(side, view)
         matcher.dense_disparity(matcher.support_points())
 
     stages: dict[str, list[float]] = {}

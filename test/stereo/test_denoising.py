@@ -98,7 +98,8 @@ def correct_share(left: np.ndarray, right: np.ndarray, noise: float, disparity: 
         contrast = ContrastNormalizer(SHAPE)
         contrast.stretch(image, Workers(1), np.full(3, noise))
         views.append(contrast)
-    matcher.describe(*views)
+    for side, view in enumerate(views):
+        matcher.describe_view(side, view)
     found = matcher.dense_disparity(matcher.support_points()).disparity
     return float(np.mean(np.abs(found[:, 40:] - disparity) <= 1))
 
@@ -129,7 +130,8 @@ def test_noise_alone_is_not_matched() -> None:
         contrast = ContrastNormalizer(SHAPE)
         contrast.stretch(image, Workers(1), noise_stddev(image))
         views.append(contrast)
-    matcher.describe(*views)
+    for side, view in enumerate(views):
+        matcher.describe_view(side, view)
     found = matcher.dense_disparity(matcher.support_points()).disparity
     assert np.isfinite(found).mean() < 0.05
 

@@ -24,7 +24,8 @@ def test_a_floor_is_matched_and_the_noise_of_the_water_above_it_is_not(
         view += rng.normal(0, codes, view.shape)
         views.append(np.round(view).clip(0, 255).astype(np.uint8))
     matcher = Matcher((200, 220), (0, 50), StereoConfig(), Workers(2))
-    matcher.describe(contrast_of(views[0]), contrast_of(views[1]))
+    for side, view in enumerate((contrast_of(views[0]), contrast_of(views[1]))):
+        matcher.describe_view(side, view)
     disparity = matcher.dense_disparity(matcher.support_points()).disparity
     assert np.isfinite(disparity[:70]).mean() < 0.02
     assert np.isfinite(disparity[115:, 20:]).mean() > 0.95
@@ -36,6 +37,7 @@ def test_a_blank_patch_on_a_surface_keeps_the_surface(texture, contrast_of):
     wide[60:84, 120:144] = 200
     left, right = wide[:, :240].copy(), wide[:, 12:252].copy()
     matcher = Matcher(left.shape, (0, 50), StereoConfig(), Workers(1))
-    matcher.describe(contrast_of(left), contrast_of(right))
+    for side, view in enumerate((contrast_of(left), contrast_of(right))):
+        matcher.describe_view(side, view)
     disparity = matcher.dense_disparity(matcher.support_points()).disparity
     np.testing.assert_allclose(disparity[60:84, 120:144], 12, atol=1)

@@ -18,7 +18,8 @@ from uw_visibility_lab.simulation.water import Water
 def match(pair, contrast_of, disparities=(0, 40), threads=1):
     left, right = pair
     matcher = Matcher(left.shape[:2], disparities, StereoConfig(), Workers(threads))
-    matcher.describe(contrast_of(left), contrast_of(right))
+    for side, view in enumerate((contrast_of(left), contrast_of(right))):
+        matcher.describe_view(side, view)
     return matcher.dense_disparity(matcher.support_points())
 
 
@@ -104,7 +105,8 @@ def test_memory_of_one_pair_does_not_leak_into_the_next(texture, contrast_of):
     matcher = Matcher(pair[0].shape, (0, 40), StereoConfig(), Workers(2))
 
     def run(images):
-        matcher.describe(contrast_of(images[0]), contrast_of(images[1]))
+        for side, view in enumerate((contrast_of(images[0]), contrast_of(images[1]))):
+            matcher.describe_view(side, view)
         return matcher.dense_disparity(matcher.support_points()).disparity
 
     first = run(pair)

@@ -19,7 +19,8 @@ from uw_visibility.stereo.elas.support import (
 def search(pair, contrast_of, disparities=(0, 40), threads=1, **config):
     left, right = pair
     matcher = Matcher(left.shape, disparities, StereoConfig(**config), Workers(threads))
-    matcher.describe(contrast_of(left), contrast_of(right))
+    for side, view in enumerate((contrast_of(left), contrast_of(right))):
+        matcher.describe_view(side, view)
     return matcher.support_points()
 
 
@@ -87,7 +88,8 @@ def test_an_earlier_match_decides_where_a_pattern_repeats(texture, contrast_of):
     pattern = np.clip(pattern, 0, 255).astype(np.uint8)
     left, right = pattern[:, :160].copy(), pattern[:, 8:168].copy()
     matcher = Matcher((96, 160), (0, 40), StereoConfig(), Workers(1))
-    matcher.describe(contrast_of(left), contrast_of(right))
+    for side, view in enumerate((contrast_of(left), contrast_of(right))):
+        matcher.describe_view(side, view)
     u, v = (grid.ravel() for grid in np.meshgrid(np.arange(60, 140, 8), np.arange(20, 80, 8)))
 
     def inside(earlier_disparity):
@@ -109,7 +111,8 @@ def test_an_earlier_match_decides_where_a_pattern_repeats(texture, contrast_of):
 def test_beside_an_earlier_match_only_disparities_around_it_are_tried(shifted_pair, contrast_of):
     left, right = shifted_pair(disparity=30)
     matcher = Matcher(left.shape, (0, 60), StereoConfig(), Workers(1))
-    matcher.describe(contrast_of(left), contrast_of(right))
+    for side, view in enumerate((contrast_of(left), contrast_of(right))):
+        matcher.describe_view(side, view)
     u, v = (grid.ravel() for grid in np.meshgrid(np.arange(60, 150, 5), np.arange(5, 95, 5)))
 
     def found(earlier_disparity):

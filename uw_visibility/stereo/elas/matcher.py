@@ -96,7 +96,7 @@ class DenseMatch:
 class Matcher:
     """ELAS (Geiger, Roser and Urtasun, ACCV 2010), in memory that is allocated once.
 
-    The steps are separate calls, in this order: `describe`, `support_points`,
+    The steps are separate calls, in this order: `describe_raw`, `support_points`,
     `coarse_disparity` (enough for the first estimate of the water), `dense_disparity`.
     `shape` is height and width of the images, `disparities` the smallest and the largest one,
     inclusive, px.
@@ -122,14 +122,8 @@ class Matcher:
         # The described pair.
         self._images: dict[int, ContrastNormalizer] = {}
 
-    def describe(self, left: ContrastNormalizer, right: ContrastNormalizer) -> None:
-        """Compute the descriptors of a pair, which must not change until it is matched."""
-        self._workers.together(
-            lambda: self.describe_view(0, left), lambda: self.describe_view(1, right)
-        )
-
     def describe_view(self, side: int, image: ContrastNormalizer) -> None:
-        """Compute the descriptors of one view of a pair: 0 is the left one, 1 the right."""
+        """Compute the descriptors of a view, 0 left, 1 right; `image` is used until matching."""
         self._images[side] = image
         self._views[side].compute(image.grey, image.gain, self._workers)
 
