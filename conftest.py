@@ -16,6 +16,7 @@ import os
 import signal
 import sys
 import tempfile
+import time
 from collections.abc import Generator
 from contextlib import ExitStack
 from pathlib import Path
@@ -30,12 +31,16 @@ from uw_visibility_lab.demonstration.node_process import reserved_domain
 # A test that waits for ever would keep other processes from what it holds. It fails after this
 # time, s, where pytest-timeout is installed; the slowest takes two minutes on a slow machine.
 PATIENCE = 600.0
+# The longest that a kernel takes to be compiled on busy processors, s.
+COMPILING = 120.0
 # Of four workers two wait for nodes and processes most of the time.
 WORKERS = 4
 NODE_FIXTURES = {"start_node", "make_client"}
-# What renders whole studies, or damages much: for `make studies`; `make test` leaves them out.
+# What renders whole studies, guards what constants were fitted to, or damages much: for
+# `make studies`; `make test` leaves them out.
 LONG = {
-    "lab/test/evaluation/test_experiments.py", "lab/test/evaluation/test_survey_report.py",
+    "lab/test/evaluation/test_experiments.py", "lab/test/evaluation/test_plausibility.py",
+    "lab/test/evaluation/test_survey_report.py", "lab/test/posterior/test_lamps.py",
     "lab/test/tracer/test_scene.py",
     "test/faults/test_fuzz.py", "test/faults/test_results.py", "test/faults/test_soak.py",
     "test/pipeline/test_tracking.py",
@@ -128,13 +133,19 @@ def pytest_configure(config: pytest.Config) -> None:
             fcntl.flock(held[key], fcntl.LOCK_UN)
             os.close(held.pop(key))
 
-    def load_or_wait(self: KernelCache, signature: Any, context: Any) -> Any:
-        found = load(self, signature, context)
+    def load_or_wait(self: KernelCache, signature: Any, target_context: Any) -> Any:
+        found = load(self, signature, target_context)
         if found is None:
-            key = hashlib.sha256(self._identity(signature, context).encode()).hexdigest()
+            key = hashlib.sha256(self._identity(signature, target_context).encode()).hexdigest()
+            if key in held:
+                # Compiling it has failed here before.
+                return None
             held[key] = os.open(Path(turns, key), os.O_CREAT | os.O_WRONLY)
-            fcntl.flock(held[key], fcntl.LOCK_EX)
-            found = load(self, signature, context)
+            # Nothing lets go of a kernel that cannot be compiled, so that waiting has an end.
+            end = time.monotonic() + COMPILING
+            while not taken(held[key]) and time.monotonic() < end:
+                time.sleep(0.05)
+            found = load(self, signature, target_context)
             if found is not None:
                 let_go(key)
         return found
@@ -146,6 +157,15 @@ def pytest_configure(config: pytest.Config) -> None:
 
     KernelCache.load_overload = load_or_wait  # type: ignore[method-assign]
     KernelCache.save_overload = save_and_let_go  # type: ignore[method-assign]
+
+
+def taken(lock: int) -> bool:
+    """Take a file for this process, unless another one has it; return whether it has it now."""
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

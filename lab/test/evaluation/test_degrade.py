@@ -100,6 +100,7 @@ def test_files_of_different_size_are_refused(tmp_path):
         load_scene(folder)
 
 
+@pytest.mark.long
 def test_colour_differences_of_degraded_scenes_and_of_their_best_recovery(shared_data):
     """The known means over the four scenes at 2 m: 27/31/34, and 2.8/6.8/14.3 for the oracle."""
 

@@ -208,6 +208,7 @@ def scenes(shared_data):
     return [load_scene(shared_data / "middlebury" / name) for name in SCENES]
 
 
+@pytest.mark.long
 def test_with_exact_range_one_light_improves_on_the_papers_plain_fit(scenes):
     plain, better = [], []
     for scene in scenes:

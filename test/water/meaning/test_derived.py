@@ -91,6 +91,7 @@ def test_a_dark_channel_does_not_hinder():
     assert MODEL.derive(found).water_type == "5C"
 
 
+@pytest.mark.long
 def test_types_are_found_in_images_rendered_with_their_spectra():
     """Right or a neighbour in nine of ten, where the standard deviation says it can be told."""
     right, told = 0, 0
