@@ -81,18 +81,15 @@ class FileHash:
 
     def __init__(self, files: Sequence[Path]) -> None:
         self._files = list(files)
-        self._hash = hashlib.sha256()
+        self._found = "not computed"
         self._stop = threading.Event()
-        self._error: OSError | None = None
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def result(self) -> str:
-        """Wait for the hash, and return it as hexadecimal digits."""
+        """Wait for the hash, and return it as hexadecimal digits, or why there is none."""
         self._thread.join()
-        if self._error is not None:
-            return f"not readable: {self._error.strerror}"
-        return "not computed" if self._stop.is_set() else self._hash.hexdigest()
+        return self._found
 
     def stop(self) -> None:
         """Abandon the computation."""
@@ -100,10 +97,14 @@ class FileHash:
         self._thread.join()
 
     def _run(self) -> None:
+        total = hashlib.sha256()
         try:
             for path in self._files:
                 with path.open("rb") as file:
-                    while not self._stop.is_set() and (block := file.read(BLOCK)):
-                        self._hash.update(block)
+                    while block := file.read(BLOCK):
+                        if self._stop.is_set():
+                            return
+                        total.update(block)
+            self._found = total.hexdigest()
         except OSError as error:
-            self._error = error
+            self._found = f"not readable: {error.strerror}"
