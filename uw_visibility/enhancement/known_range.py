@@ -73,7 +73,8 @@ def known_range(
     grey = grey.astype(np.float32)
     guide = _resize(grey, half) * full
     small = _resize(guide, cells)
-    fine = np.maximum(_resize(grey * grey, cells) - _resize(grey, cells) ** 2, 0)
+    every = grey[::2, ::2].copy()
+    fine = np.maximum(_resize(every * every, cells) - _resize(every, cells) ** 2, 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         # `fmax` replaces NaN by 0.
         inverse = np.minimum(np.fmax(np.float32(1.0) / range_map[::2, ::2], 0.0), _NEAREST)
