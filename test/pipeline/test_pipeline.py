@@ -209,6 +209,15 @@ def test_a_search_range_that_leaves_nothing_is_refused():
         Pipeline(RIG, config).process(*scene_pair())
 
 
+@pytest.mark.parametrize("given, says", [
+    ((None,), "rig is a NoneType: give a StereoRig"),
+    ((RIG, {"threads": 1}), r"config is a dict: give a PipelineConfig"),
+])
+def test_arguments_of_other_types_are_named(given, says):
+    with pytest.raises(InputError, match=says):
+        Pipeline(*given)
+
+
 def test_an_image_is_restored_with_step_1_where_step_2_is_refused(monkeypatch):
     """The estimate stays refused; the image is not handed back as it came."""
     left, right = warm_up_pair((160, 240), np.dtype(np.uint8))

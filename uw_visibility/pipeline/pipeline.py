@@ -62,14 +62,21 @@ class Pipeline:
     Raises
     ------
     InputError
-        If the camera's spectral response or flat field cannot be loaded.
+        If rig or parameters are of another type, or the camera's spectral response or flat field
+        cannot be loaded.
     """
 
     def __init__(
         self, rig: StereoRig, config: PipelineConfig | None = None, workers: Workers | None = None
     ) -> None:
         self.rig = rig
-        self.config = config or PipelineConfig()
+        self.config = PipelineConfig() if config is None else config
+        if not isinstance(rig, StereoRig):
+            raise InputError(f"rig is a {type(rig).__name__}: give a StereoRig")
+        if not isinstance(self.config, PipelineConfig):
+            raise InputError(
+                f"config is a {type(config).__name__}: give a PipelineConfig, as of "
+                "PipelineConfig.from_parameters")
         self._workers = workers or Workers(self.config.threads)
         check_matcher(self.config.stereo, self._workers.threads)
         self._assessor = Assessor(self.config)
