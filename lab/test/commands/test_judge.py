@@ -127,6 +127,7 @@ def test_networks_that_are_there_are_replaced_by_force_only(
     assert "needs PyTorch" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_nights_by_lamps_have_their_rows(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
