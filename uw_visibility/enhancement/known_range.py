@@ -9,7 +9,7 @@ Uses a guided filter on cells (He and Sun, arXiv 1505.00996).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -81,7 +81,12 @@ def known_range(
     share = _resize(matched[::2, ::2].astype(np.float32), cells)
     value = _resize(inverse, cells)
 
-    relative = 1.0 + _noise_over_texture(small, fine, noise, full)
+    weights = _GREY**2 if noise.size == 3 else np.ones(1)
+    of_pixels = float(weights @ (noise**2 + ROUNDING_VARIANCE)) / _CELL**2
+    relative = 1.0 + _noise_over_texture(small, np.float32(of_pixels * full**2))
+    # Channels are rounded, and their mixture again.
+    alike = _blur((float(weights.sum()) + 1.0) * _alike(np.sqrt(fine)), 1)
+    in_gaps = 1.0 + _noise_over_texture(small, (of_pixels + alike) * full**2)
     weight = share / relative
     spread = _spread(weight, value, range_error, max(max_gap // _CELL, 1))
     along = guided(
@@ -89,7 +94,8 @@ def known_range(
     smooth = np.maximum(along[0] * small + along[1], _INFINITY)
     thickness = float(np.fmin.reduce(attenuation, initial=np.inf)) / smooth
     own = range_error**2 * relative
-    variance = share * own * spread / (own + spread) + (1.0 - share) * (own + spread)
+    variance = share * own * spread / (own + spread) + (1.0 - share) * (
+        range_error**2 * in_gaps + spread)
     known = np.exp(-1.5 * variance * (thickness / smooth) ** 2)
     # Cells at the border of reliable range are mixed. Reliable range is not smoothed.
     known = cv2.erode(known, np.ones((3, 3), np.uint8))
@@ -114,18 +120,14 @@ def _blur(plane: Plane, radius: int) -> Plane:
         cv2.blur(plane, (side, side), borderType=cv2.BORDER_REFLECT), np.float32)
 
 
-def _noise_over_texture(small: Plane, fine: Plane, noise: Array, full: np.float32) -> Plane:
+def _noise_over_texture(small: Plane, noise: Any) -> Plane:
     """Variance of noise over that of texture along rows, on which matching depends.
 
     Texture is the variance of second differences beyond twice that of noise. A linear change of
-    light, as in open water, does not count, since it matches anywhere. `fine` is the variance
-    within cells, in codes.
+    light, as in open water, does not count, since it matches anywhere. `noise` is the variance of
+    a cell's mean.
     """
-    weights = _GREY**2 if noise.size == 3 else np.ones(1)
-    of_pixels = float(weights @ (noise**2 + ROUNDING_VARIANCE)) / _CELL**2
-    # Channels are rounded, and their mixture again.
-    alike = (float(weights.sum()) + 1.0) * _alike(np.sqrt(fine))
-    variance = _blur((_OF_NOISE * full**2 * (of_pixels + alike)).astype(np.float32), 1)
+    variance = np.asarray(_OF_NOISE * noise, np.float32)
     differences = cv2.filter2D(
         small, -1, _SECOND_DIFFERENCES, borderType=cv2.BORDER_REFLECT)
     texture = _blur(differences * differences, 1) - 2.0 * variance
