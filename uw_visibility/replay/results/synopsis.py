@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+import scipy.stats
 
 from uw_visibility.images.arrays import Array
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, word
@@ -21,6 +22,8 @@ from uw_visibility.water.series.tracking import TrackingEvent
 
 # Distances that differ by more than this many standard deviations are different.
 SIGNIFICANT = 2.0
+# Probability of a rise or fall by chance below which it is a trend.
+BY_CHANCE = 0.05
 # Main quantities of a verdict, in order.
 TOLD = ("black_disc_visibility", "visibility_distance", "secchi_depth", "diffuse_attenuation_490")
 # Least number of values for a trend: four rise or fall by chance too often (2 of 24 orders).
@@ -202,10 +205,9 @@ def trend(distance: Array) -> list[float]:
         return []
     blocks = np.array_split(distance, min(len(distance), JACKKNIFE_BLOCKS))
     medians = np.array([np.median(block) for block in blocks])
-    n = len(medians)
-    earlier, later = np.triu_indices(n, 1)
-    score = abs(np.sign(medians[later] - medians[earlier]).sum())
-    if not score > SIGNIFICANT * math.sqrt(n * (n - 1) * (2 * n + 5) / 18.0):
+    chance = scipy.stats.kendalltau(np.arange(len(medians)), medians).pvalue
+    # NaN if all are equal.
+    if not chance < BY_CHANCE:
         return []
     third = -(-len(distance) // 3)
     return [float(np.median(distance[:third])), float(np.median(distance[-third:]))]
@@ -230,16 +232,13 @@ def groups(distance: Array) -> list[tuple[float, int]]:
         weight = member.mean(axis=0)
         mean = values @ member / np.maximum(member.sum(axis=0), 1e-9)
         width = max(math.sqrt(np.sum(member * (values[:, None] - mean) ** 2) / n), NARROWEST)
-        density = weight * np.exp(-0.5 * ((values[:, None] - mean) / width) ** 2) / width
-        density /= math.sqrt(2.0 * math.pi)
+        density = weight * scipy.stats.norm.pdf(values[:, None], mean, width)
         total = np.maximum(density.sum(axis=1), 1e-300)
         member = density / total[:, None]
     rivals = []
     for degree in (0, 1):
         left = values - np.polyval(np.polyfit(np.arange(n), values, degree), np.arange(n))
-        spread = max(left.std(), NARROWEST)
-        likelihood = -0.5 * np.sum((left / spread) ** 2) - n * math.log(
-            math.sqrt(2.0 * math.pi) * spread)
+        likelihood = scipy.stats.norm.logpdf(left, 0.0, max(left.std(), NARROWEST)).sum()
         rivals.append(2.0 * likelihood - (2 + degree) * math.log(n))
     uniform = -2.0 * n * math.log(np.ptp(values)) - 2.0 * math.log(n)
     evidence = 2.0 * np.log(total).sum() - 4.0 * math.log(n) - max(*rivals, uniform)
