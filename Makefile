@@ -65,7 +65,12 @@ $(VENV_DOCS)/.installed: constraints/constraints-newest.txt constraints/constrai
 demo: venv
 	$(VENV)/bin/uw_visibility demo -o demo --force
 
-test: venv
+# Several tests at once would each compile the kernels of lamps, which make demo does without.
+$(VENV)/.lamps: $(VENV)/.installed test/lamps.yaml
+	$(VENV)/bin/uw_visibility warmup --params-file test/lamps.yaml
+	@touch $@
+
+test: $(VENV)/.lamps
 	$(VENV)/bin/python -m pytest -m "not long and not browser" $(PYTEST)
 
 studies: venv

@@ -11,12 +11,10 @@ pytest's own process, and so does everything with `-n 0` or without pytest-xdist
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import os
 import signal
 import sys
 import tempfile
-import time
 from collections.abc import Generator
 from contextlib import ExitStack
 from pathlib import Path
@@ -31,8 +29,6 @@ from uw_visibility_lab.demonstration.node_process import reserved_domain
 # A test that waits for ever would keep other processes from what it holds. It fails after this
 # time, s, where pytest-timeout is installed; the slowest takes two minutes on a slow machine.
 PATIENCE = 600.0
-# The longest that a kernel takes to be compiled on busy processors, s.
-COMPILING = 120.0
 # Of four workers two wait for nodes and processes most of the time.
 WORKERS = 4
 NODE_FIXTURES = {"start_node", "make_client"}
@@ -114,58 +110,6 @@ def pytest_configure_node(node: Any) -> None:
         stash[TURNS] = tempfile.TemporaryDirectory(prefix="uw_visibility_test_")
         node.config.add_cleanup(stash[TURNS].cleanup)
     node.workerinput["turns"] = stash[TURNS].name
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Let one worker of pytest-xdist compile a kernel, and the others wait for it and load it."""
-    turns = getattr(config, "workerinput", {}).get("turns")
-    if turns is None:
-        return
-    # Not above, since it imports NumPy.
-    from uw_visibility.compute.jit import KernelCache
-
-    load, save = KernelCache.load_overload, KernelCache.save_overload
-    held: dict[str, int] = {}
-
-    def let_go(key: str) -> None:
-        if key in held:
-            # Closing would not do: processes that the test has forked may have the file too.
-            fcntl.flock(held[key], fcntl.LOCK_UN)
-            os.close(held.pop(key))
-
-    def load_or_wait(self: KernelCache, signature: Any, target_context: Any) -> Any:
-        found = load(self, signature, target_context)
-        if found is None:
-            key = hashlib.sha256(self._identity(signature, target_context).encode()).hexdigest()
-            if key in held:
-                # Compiling it has failed here before.
-                return None
-            held[key] = os.open(Path(turns, key), os.O_CREAT | os.O_WRONLY)
-            # Nothing lets go of a kernel that cannot be compiled, so that waiting has an end.
-            end = time.monotonic() + COMPILING
-            while not taken(held[key]) and time.monotonic() < end:
-                time.sleep(0.05)
-            found = load(self, signature, target_context)
-            if found is not None:
-                let_go(key)
-        return found
-
-    def save_and_let_go(self: KernelCache, signature: Any, kernel: Any) -> None:
-        save(self, signature, kernel)
-        let_go(hashlib.sha256(
-            self._identity(signature, kernel.target_context).encode()).hexdigest())
-
-    KernelCache.load_overload = load_or_wait  # type: ignore[method-assign]
-    KernelCache.save_overload = save_and_let_go  # type: ignore[method-assign]
-
-
-def taken(lock: int) -> bool:
-    """Take a file for this process, unless another one has it; return whether it has it now."""
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -12,19 +12,13 @@ from uw_visibility.errors import naming
 
 HELP = "compile in advance, for a fast first start"
 DESCRIPTION = """\
-Compile the pipeline's kernels for 8- and 16-bit images, colour and grey, by daylight
-and under lamps, and keep them on disk, so that the first start of the node is as
-fast as any other. A second call compiles nothing; after an upgrade only changed
-kernels are compiled.
+Compile the pipeline's kernels for 8- and 16-bit images, colour and grey, and keep
+them on disk, so that the first start of the node is as fast as any other. A second
+call compiles nothing; after an upgrade only changed kernels are compiled.
 
 Kernels are kept beside the package if that folder is writable, otherwise in the user's
 cache folder; NUMBA_CACHE_DIR sets another one. If an administrator runs this once for
 an installation, all its users have the kernels."""
-
-# Any will do.
-LAMP = {
-    "lighting.model": "lamps", "lighting.positions": [0.5, 0.0, 0.0],
-    "lighting.directions": [0.0, 0.0, 1.0], "lighting.beam_angles": [90.0]}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -48,8 +42,7 @@ def run(arguments: argparse.Namespace) -> None:
     from uw_visibility.config.schema import PipelineConfig
     from uw_visibility.replay.progress import compiling, tell
 
-    parameters = read_params_file(arguments.params_file)
-    config = PipelineConfig.from_parameters(parameters)
+    config = PipelineConfig.from_parameters(read_params_file(arguments.params_file))
     begin = time.monotonic()
     # Imported late: compiled modules load slowly, and bad input is refused before.
     from uw_visibility import Pipeline, StereoRig
@@ -57,18 +50,13 @@ def run(arguments: argparse.Namespace) -> None:
     from uw_visibility.compute.kernel_folder import writable_folder
 
     width, height = arguments.size
-    rig = StereoRig(500.0, 0.1, ((width - 1) / 2, (height - 1) / 2))
-    pipeline = Pipeline(rig, config)
+    pipeline = Pipeline(StereoRig(500.0, 0.1, ((width - 1) / 2, (height - 1) / 2)), config)
     tell("preparing the kernels; the first time this takes a minute or two")
     with compiling(), naming(f"cannot warm up with --size {width}x{height}"):
         for dtype in ("uint8", "uint16"):
             for grey in (False, True):
                 colour_8_bit = dtype == "uint8" and not grey
                 pipeline.warm_up((height, width), dtype, grey=grey, compressed=colour_8_bit)
-        if not config.lighting.positions:
-            lit = Pipeline(rig, PipelineConfig.from_parameters(parameters | LAMP))
-            for dtype in ("uint8", "uint16"):
-                lit.warm_up((height, width), dtype)
     duration = time.monotonic() - begin
     folder = writable_folder()
     place = f"kept in {folder}" if folder else "not kept: no folder is writable"
