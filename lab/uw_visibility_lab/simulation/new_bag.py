@@ -58,7 +58,7 @@ def new_bag(
     work = Products(WORK_MARK, names, "no folder of an unfinished run")
     with sole_writer(path, work, products), work_folder(aside_of(path), work) as aside:
         # Files of the bag are named after its folder.
-        bag = BagWriter(aside / path.name, topics)
+        bag = BagWriter(aside / path.name, topics, place=path)
         yield bag
         bag.close()
         try:

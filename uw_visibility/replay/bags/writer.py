@@ -30,15 +30,18 @@ class BagWriter:
     path: folder to make; its file is named after it.
     topics: type of message by topic, such as ``sensor_msgs/msg/Image``.
     compress: whether chunks are compressed (Zstandard).
+    place: path that errors name, if the folder is moved there.
     Raises `InputError` if the folder exists already, or cannot be made.
     """
 
     def __init__(
-        self, path: Path, topics: Mapping[str, str], *, compress: bool = False
+        self, path: Path, topics: Mapping[str, str], *, compress: bool = False,
+        place: Path | None = None,
     ) -> None:
         self.path = path
+        self._place = place or path
         self._types, self.make = jazzy_types()
-        with refusing(f"cannot make bag {path}", WriterError, OSError):
+        with refusing(f"cannot make bag {self._place}", WriterError, OSError):
             self._writer = Writer(
                 path, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP
             )
@@ -61,7 +64,7 @@ class BagWriter:
 
         Raises `InputError` if it cannot be written, for instance on a full disk.
         """
-        with refusing(f"cannot write bag {self.path}"):
+        with refusing(f"cannot write bag {self._place}"):
             self._writer.write(self._connections[topic], time, data)
 
     def annotate(self, key: str, value: str) -> None:
@@ -73,5 +76,5 @@ class BagWriter:
 
         Raises `InputError` if it cannot be written, for instance on a full disk.
         """
-        with refusing(f"cannot write bag {self.path}"):
+        with refusing(f"cannot write bag {self._place}"):
             self._writer.close()
