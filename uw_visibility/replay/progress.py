@@ -42,12 +42,12 @@ class Progress:
         # Lines instead of a bar, where standard error is no terminal.
         of, left = (" of {total_fmt}", ", {remaining} left") if self._total else ("", "")
         lines: dict[str, Any] = {
-            "bar_format": f"{{desc}}: {{n_fmt}}{of} frames, {{rate_fmt}}{left}\n",
-            "mininterval": PERIOD, "miniters": 1, "delay": PERIOD}
+            "bar_format": f"{{desc}}: {{n_fmt}}{of} frames, {{rate_noinv_fmt}}{left}\n",
+            "unit": " frames", "mininterval": PERIOD, "miniters": 1, "delay": PERIOD}
         # Initial frames do not count for the rate.
         self._bar = tqdm(
-            desc=self._name, total=self._total, file=sys.stderr, unit=" frames", initial=1,
-            **({"dynamic_ncols": True} if sys.stderr.isatty() else lines),
+            desc=self._name, total=self._total, file=sys.stderr, initial=1,
+            **({"unit": "frame", "dynamic_ncols": True} if sys.stderr.isatty() else lines),
         )
 
     def close(self) -> None:
