@@ -80,6 +80,7 @@ def test_json_that_is_no_calibration_is_refused_by_name(tmp_path: Path, content:
     [
         {"image_width": 640}, {"image_width": None}, {"projection_matrix": None},
         {"projection_matrix": {"data": [1.0] * 11}}, {"camera_matrix": {"data": ["x"] * 9}},
+        {"camera_matrix": {"data": ["1"] * 9}}, {"camera_matrix": {"data": [True] * 9}},
         {"camera_matrix": matrix(3, 3, [0.0] * 9)}, {"projection_matrix": matrix(3, 4, [0.0] * 12)},
     ],
 )

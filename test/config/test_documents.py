@@ -26,6 +26,7 @@ LAUGHS = "a: &a [x, x]\n" + "".join(
     ("? " * 10_000, "deeper"),
     ("{a: 1, b: {c: 1, c: 2}}", "'c' twice"),
     ("9" * 5000, "number of 5000 characters"),
+    ("0x" + "f" * 50, "64 bit"),
     ("1" + ":59" * 10_000, "characters"),
     ("2024-99-99", "type"),
     ("!!int ''", "type"),
@@ -39,9 +40,10 @@ def test_yaml_that_no_tool_writes_is_refused(text: str, reason: str) -> None:
 
 
 @pytest.mark.parametrize(("text", "reason"), [
-    ("[" * 100_000, "recursion"),
+    ("[" * 100_000, "nested too deep"),
     ('{"a": 1, "a": 2}', "'a' twice"),
     ("9" * 5000, "number of 5000 characters"),
+    ("1" * 50, "64 bit"),
     ('{"P1": NaN}', "NaN"),
     ("{", "Expecting"),
 ])

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -134,11 +135,11 @@ def _numbers(
     """Return the numbers under a name, as a list or as ``data`` below it; `count` if given."""
     found = content.get(name, absent)
     data = found.get("data") if isinstance(found, dict) else found
-    try:
-        values = np.asarray(data, np.float64).ravel()
-    except (TypeError, ValueError):
-        values = np.full(1, np.nan)
-    if not np.isfinite(values).all() or len(values) != (count or len(values)):
+    values = np.asarray(data, object).ravel().tolist()
+    numeric = all(
+        isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        for value in values)
+    if not numeric or len(values) != (count or len(values)):
         raise InputError(
             f"calibration {path} has no {f'{count} ' if count else ''}numbers under {name}: give "
             "the file that camera_calibration wrote for this camera, or a JSON with lists"

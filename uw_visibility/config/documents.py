@@ -16,6 +16,8 @@ from uw_visibility.errors import InputError
 # Parameter files have a few kB; a bag's metadata has a few kB per topic.
 MOST_BYTES = 4 << 20
 DEEPEST = 32
+# No parameter, size or count is larger.
+LARGEST_INTEGER = 2**63
 # Most characters of a number: reading takes time that grows with their square.
 LONGEST_NUMBER = 100
 
@@ -40,7 +42,7 @@ def parse_yaml(text: str) -> Any:
     """Parse YAML as ROS 2's own parser accepts it: without aliases and tags of programs.
 
     Raises `InputError` if it is not YAML, is nested deeper than `DEEPEST`, repeats a key, refers to
-    another part of itself, or holds a number that is too long.
+    another part of itself, or holds an integer beyond 64 bit or a number that is too long.
     """
     # Imported here, since --help does not need it.
     import yaml
@@ -86,6 +88,10 @@ def _loader(yaml: Any, parser: Any) -> Any:
                 _check_length(node.value)
             return super().construct_scalar(node)
 
+        def construct_yaml_int(self, node: Any) -> int:
+            return _check_integer(super().construct_yaml_int(node))
+
+    Loader.add_constructor("tag:yaml.org,2002:int", Loader.construct_yaml_int)
     return Loader
 
 
@@ -93,13 +99,15 @@ def parse_json(text: str) -> Any:
     """Parse JSON.
 
     Raises `InputError` if it is not JSON (NaN and Infinity are not), is nested too deep, repeats a
-    key, or holds an integer that is too long.
+    key, or holds an integer beyond 64 bit.
     """
     try:
         return json.loads(
             text, object_pairs_hook=_unique, parse_int=_integer, parse_constant=_refuse
         )
-    except (ValueError, RecursionError) as error:
+    except RecursionError as error:
+        raise InputError("it is nested too deep") from error
+    except ValueError as error:
         raise InputError(str(error)) from error
 
 
@@ -110,7 +118,13 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _integer(text: str) -> int:
     _check_length(text)
-    return int(text)
+    return _check_integer(int(text))
+
+
+def _check_integer(value: int) -> int:
+    if not -LARGEST_INTEGER <= value < LARGEST_INTEGER:
+        raise InputError(f"it has the integer {value}: give one of 64 bit")
+    return value
 
 
 def _check_unique(names: Iterable[str]) -> None:
