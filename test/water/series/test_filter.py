@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.errors import InputError
 from uw_visibility.status import REFUTING, Status
 from uw_visibility.water.blocks import Blocks
 from uw_visibility.water.estimate import WaterEstimate
@@ -108,6 +109,8 @@ def test_what_frames_of_a_recording_share_is_forgotten_where_stamps_jump_back(ot
         frame = replace(water(), transfer_log_odds=3.0, lamps_log_odds=2.0)
         found = kept.update(frame, 0.2 * k)
     assert found is not None and found.water.status is Status.OTHER_TRANSFER
+    with pytest.raises(InputError, match="stamp of the frame is nan"):
+        kept.update(water(), np.nan)
     found = kept.update(replace(water(), transfer_log_odds=-0.5, lamps_log_odds=-5.0), other)
     assert found is not None and found.water.status is Status.OK
 

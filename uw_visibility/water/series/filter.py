@@ -119,7 +119,6 @@ class WaterFilter:
         self._tracker = WaterTracker(config.tracking)
         self._by_lamps = config.lighting.model in ("lamps", "both")
         self._rig: object = None
-        self._stamp = -math.inf
         self.reset()
 
     def reset(self) -> None:
@@ -162,9 +161,9 @@ class WaterFilter:
         """
         if not self.config.tracking.enabled:
             return None
-        if rig != self._rig or stamp <= self._stamp:
+        if rig != self._rig or stamp <= self._tracker.stamp:
             self.reset()
-        self._rig, self._stamp = rig, stamp
+            self._rig = rig
         self._lit.add(water.lamps_log_odds)
         if self.config.lighting.model == "auto":
             water = self._in_this_light(water)

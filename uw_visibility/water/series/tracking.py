@@ -66,7 +66,8 @@ class WaterTracker:
         # Scene light over the veil in the accepted frames, and covariance of its logarithm.
         self._light = np.full(3, np.nan)
         self._light_covariance: Array | None = None
-        self._stamp = -math.inf
+        # Of the last frame, s.
+        self.stamp = -math.inf
 
     def update(self, estimate: WaterEstimate, stamp_seconds: float) -> WaterEstimate:
         """Return the state, updated by the estimate of one frame alone.
@@ -78,10 +79,10 @@ class WaterTracker:
         """
         if not math.isfinite(stamp_seconds):
             raise InputError(f"the stamp of the frame is {stamp_seconds}: give a time in seconds")
-        elapsed = stamp_seconds - self._stamp
+        elapsed = stamp_seconds - self.stamp
         if not 0.0 < elapsed <= self._config.timeout:
             self.reset()
-        self._stamp = stamp_seconds
+        self.stamp = stamp_seconds
         measurement = Measurement.of(estimate, self._config.common_error)
         if self._state is not None:
             self._state.predict(elapsed, self._config, bool(measurement.seen.any()))
