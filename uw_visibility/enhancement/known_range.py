@@ -83,10 +83,12 @@ def known_range(
 
     weights = _GREY**2 if noise.size == 3 else np.ones(1)
     of_pixels = float(weights @ (noise**2 + ROUNDING_VARIANCE)) / _CELL**2
-    relative = 1.0 + _noise_over_texture(small, np.float32(of_pixels * full**2))
+    differences = cv2.filter2D(small, -1, _SECOND_DIFFERENCES, borderType=cv2.BORDER_REFLECT)
+    square = _blur(differences * differences, 1)
+    relative = 1.0 + _noise_over_texture(square, np.float32(of_pixels * full**2))
     # Channels are rounded, and their mixture again.
     alike = _blur((float(weights.sum()) + 1.0) * _alike(np.sqrt(fine)), 1)
-    in_gaps = 1.0 + _noise_over_texture(small, (of_pixels + alike) * full**2)
+    in_gaps = 1.0 + _noise_over_texture(square, (of_pixels + alike) * full**2)
     weight = share / relative
     spread = _spread(weight, value, range_error, max(max_gap // _CELL, 1))
     along = guided(
@@ -120,17 +122,15 @@ def _blur(plane: Plane, radius: int) -> Plane:
         cv2.blur(plane, (side, side), borderType=cv2.BORDER_REFLECT), np.float32)
 
 
-def _noise_over_texture(small: Plane, noise: Any) -> Plane:
+def _noise_over_texture(square: Plane, noise: Any) -> Plane:
     """Variance of noise over that of texture along rows, on which matching depends.
 
-    Texture is the variance of second differences beyond twice that of noise. A linear change of
-    light, as in open water, does not count, since it matches anywhere. `noise` is the variance of
-    a cell's mean.
+    Texture is the variance of second differences, `square`, beyond twice that of noise. A linear
+    change of light, as in open water, does not count, since it matches anywhere. `noise` is the
+    variance of a cell's mean.
     """
     variance = np.asarray(_OF_NOISE * noise, np.float32)
-    differences = cv2.filter2D(
-        small, -1, _SECOND_DIFFERENCES, borderType=cv2.BORDER_REFLECT)
-    texture = _blur(differences * differences, 1) - 2.0 * variance
+    texture = square - 2.0 * variance
     return np.asarray(variance / np.maximum(texture, 1e-6 * variance), np.float32)
 
 

@@ -158,7 +158,7 @@ class FirstStep:
         if small.ndim == 2:
             return view
         found = foreground_mask(small, support.points, view.transfer)
-        return view if found is None else view.without(self._pyramid.upsample_mask(found))
+        return view if found is None else view.without(self._pyramid.repeat(found))
 
     def _estimate(self, view: View, mesh: DisparityMap, support_points: int) -> WaterEstimate:
         if support_points < FEWEST_SUPPORT_POINTS:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.schema import StereoConfig
-from uw_visibility.images.arrays import DisparityMap, Image, Mask, Points
+from uw_visibility.images.arrays import DisparityMap, Image, Points
 from uw_visibility.images.pair import MIN_HEIGHT, MIN_WIDTH, read_only
 from uw_visibility.images.view import View
 from uw_visibility.stereo.denoising import ROUNDING
@@ -66,10 +66,6 @@ class Pyramid:
             # It cannot be measured in the small view, which does not show JPEG's blocks.
             small = replace(small, low_frequency_noise=limit)
         return small
-
-    def upsample_mask(self, mask: Mask) -> Mask:
-        """Return a mask of the small images at full size."""
-        return self._repeat(mask)
 
     def rig(self, rig: StereoRig) -> StereoRig:
         """Return the geometry of the small images."""
@@ -137,9 +133,9 @@ class Pyramid:
         self, small: NDArray[np.float32], disparity: DisparityMap
     ) -> NDArray[np.float32]:
         """Upsample confidences to the size of a disparity map; 0 where it is NaN."""
-        return np.where(np.isnan(disparity), np.float32(0), self._repeat(small))
+        return np.where(np.isnan(disparity), np.float32(0), self.repeat(small))
 
-    def _repeat(self, small: NDArray[Any]) -> NDArray[Any]:
+    def repeat(self, small: NDArray[Any]) -> NDArray[Any]:
         """Values of the squares of small pixels at full size."""
         return self._pad(small.repeat(self.factor, axis=0).repeat(self.factor, axis=1))
 

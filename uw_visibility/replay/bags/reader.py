@@ -249,11 +249,11 @@ def find_files(path: Path) -> Layout:
         names = [Path(str(name)).name for name in about["relative_file_paths"]]
     except (InputError, KeyError, TypeError, AttributeError) as error:
         return _without_metadata(path, error)
-    there = {file.name for file in _files(path)}
+    there = {file.name: file for file in _files(path)}
     missing = [name for name in names if name not in there]
     if len(missing) == len(names):
         # Files with other names are read.
-        files = [file for file in _files(path) if suffix(file) in SUFFIXES]
+        files = [file for file in there.values() if suffix(file) in SUFFIXES]
         if not files:
             raise UnreadableError(f"cannot read bag {path}: its files are missing")
         return Layout(files, packed, expected, ["the files have other names than metadata.yaml"])
