@@ -119,6 +119,13 @@ def test_exchanged_large_images_are_refused(frame: RenderedFrame) -> None:
         coarse_estimate(frame.right, frame.left)
 
 
+def test_a_right_image_of_noise_is_no_exchange(frame: RenderedFrame) -> None:
+    noise = np.random.default_rng(0).normal(20.0, 10.0, frame.left.shape)
+    result = pipeline().process(frame.left, np.clip(noise, 0, 255).astype(np.uint8))
+    assert result.status is Status.TOO_FEW_SUPPORT_POINTS
+    assert np.isnan(result.water.attenuation).all()
+
+
 def test_one_image_for_both_sides_is_refused(frame: RenderedFrame) -> None:
     with pytest.raises(InputError, match="one and the same"):
         pipeline().process(frame.left, frame.left)

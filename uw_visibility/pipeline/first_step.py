@@ -23,7 +23,7 @@ from uw_visibility.images.view import StereoViews, View
 from uw_visibility.pipeline.result import StageClock
 from uw_visibility.status import Status
 from uw_visibility.stereo.contrast import ContrastNormalizer
-from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS, SupportPoints
+from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS, SPARSE, SupportPoints
 from uw_visibility.stereo.matchers import MATCHER, MATCHERS, disparity_limits
 from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.stereo.radiometry import right_gain
@@ -44,10 +44,10 @@ _EXCHANGED_RATIO = 1.5
 # and turbid water and in noise, 0.6 to 1.3 with rows 1 px apart, mostly 1.3 to 3 with 2 px.
 _MOVED_RATIO, _ROWS_APART = 1.3, 2
 # Support points are by chance (rows do not correspond, or there is only noise) if exchanging gives
-# more than `_CHANCE_RATIO` of the matches, and they cover less than `_SPARSE` of the grid. That
+# more than `_CHANCE_RATIO` of the matches, and they cover less than `SPARSE` of the grid. That
 # ratio is 0.1 to 0.6 for rendered, real and Middlebury pairs in clear and turbid water with noise,
 # and 0.7 to 1.5 for pairs with rows 3 px or more apart, transposed, or of different scenes.
-_CHANCE_RATIO, _SPARSE = 0.7, 0.05
+_CHANCE_RATIO = 0.7
 # Standard deviation of a disparity between the mesh's points, px.
 _MESH_DEVIATION = 1.0
 
@@ -196,7 +196,7 @@ class FirstStep:
                 f"image moved by {rows * self._pyramid.factor} px. Calibrate the pair again, or "
                 "rectify it")
         grid = left.shape[0] * left.shape[1] / self._support_step**2
-        return ratio > _CHANCE_RATIO and len(support) < _SPARSE * grid
+        return ratio > _CHANCE_RATIO and len(support) < SPARSE * grid
 
 
 def reduction_factor(shape: tuple[int, int], config: PipelineConfig) -> int:

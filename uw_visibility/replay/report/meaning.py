@@ -8,7 +8,8 @@ from uw_visibility.status import Status
 
 MEANINGS: dict[str, str] = {
     Status.NO_COLOUR: "The images are grey; attenuation by colour needs a colour camera.",
-    Status.TOO_FEW_SUPPORT_POINTS: "Hardly anything matched: open water, blur, or turbid water.",
+    Status.TOO_FEW_SUPPORT_POINTS: "Hardly anything of the left image is found in the right "
+    "one: open water, blur, turbid water, noise, or images that do not belong together.",
     Status.TOO_FEW_OBSERVATIONS: "Too few pixels with a known range.",
     Status.RANGE_SPREAD_TOO_SMALL: "Everything in view is about equally far away, so that the "
     "effect of the water cannot be separated from the scene.",

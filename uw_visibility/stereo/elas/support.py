@@ -18,12 +18,14 @@ from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import StereoConfig
-from uw_visibility.images.arrays import Array, Image8, Points
+from uw_visibility.images.arrays import Array, DisparityMap, Image8, Points
 from uw_visibility.stereo.elas.descriptors import BYTES, MIDDLE, absolute_difference
 from uw_visibility.stereo.elas.evidence import MEAN_OF_NORMAL
 
 FEWEST_SUPPORT_POINTS = 10
 """Least number of support points for a useful mesh."""
+SPARSE = 0.05
+"""Part of the grid below which matches may be by chance, even if neighbours agree."""
 
 # Half side of the square at whose four corners a support point is compared, px: with the
 # descriptors' own, the window is 9 x 9 pixels.
@@ -99,7 +101,9 @@ class SupportGrid:
         """Matches of other descriptors over those of the last `search`.
 
         Ten are added to both, so that a few chance matches do not count. Only every eighth row of
-        the grid is searched, unless few points match, which takes all rows.
+        the grid is searched, unless few points match, which takes all rows. Then the others are
+        more, a ratio above 1, only if enough of them agree with their neighbours: noise finds more
+        matches in a picture than the picture in noise.
         """
         few = np.count_nonzero(self._found >= 0) < _FEW * self._found.size
         stride = 1 if few else _ORDER_STRIDE
@@ -107,7 +111,12 @@ class SupportGrid:
         others = np.empty((2, rows, self._found.shape[1]), np.float32)
         self._match(rows, stride, left, right, _NOWHERE, *others)
         found = np.count_nonzero(self._found[::stride] >= 0)
-        return float((np.count_nonzero(others[0] >= 0) + 10) / (found + 10))
+        ratio = float((np.count_nonzero(others[0] >= 0) + 10) / (found + 10))
+        if few and ratio > 1.0:
+            self._keep_consistent(*others)
+            if np.count_nonzero(others[1] >= 0) < SPARSE * others[1].size:
+                return 1.0
+        return ratio
 
     def search(
         self,
@@ -134,10 +143,7 @@ class SupportGrid:
         least = _SIGNAL * MEAN_OF_NORMAL * BYTES * noise[:rows, :columns]
         np.maximum(config.support_texture, least.astype(np.int32), out=self._texture)
         self._match(rows, 1, left, right, agreed, self._found, self._deviation)
-        workers.rows(
-            keep_consistent, rows, self._found, config.consistency_cells,
-            np.float32(config.consistency_disparity), config.consistency_count, self._kept,
-        )
+        self._keep_consistent(self._found, self._kept)
         workers.rows(smooth, rows, self._kept, self._deviation, self._smoothed)
         workers.rows(mark_vertices, rows, self._smoothed, self._vertices)
         v, u = np.nonzero(self._smoothed >= self._disparities[0])
@@ -146,6 +152,14 @@ class SupportGrid:
         points[:, 1] = v * config.support_step + config.support_step // 2
         points[:, 2] = np.minimum(self._smoothed[v, u], points[:, 0])
         return SupportPoints(points, self._vertices[v, u])
+
+    def _keep_consistent(self, found: DisparityMap, kept: DisparityMap) -> None:
+        """Write the points with which enough neighbours agree; -1 elsewhere."""
+        config = self._config
+        self._workers.rows(
+            keep_consistent, len(found), found, config.consistency_cells,
+            np.float32(config.consistency_disparity), config.consistency_count, kept,
+        )
 
     def _match(self, rows: int, stride: int, *arguments: Any) -> None:
         """Match every `stride`-th row of the grid; see `_search` for the arguments."""
