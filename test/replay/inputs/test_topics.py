@@ -58,6 +58,25 @@ def test_raw_or_rectified_colour_and_uncompressed_are_preferred_as_asked_for() -
     assert (found.left, found.left_info) == ("/left/image_rect/compressed", "/left/camera_info")
 
 
+def test_one_raw_and_one_compressed_image_are_a_pair() -> None:
+    topics = camera("/{}", "image_rect")
+    del topics["/right/image_rect"]
+    topics["/right/image_rect/compressed"] = COMPRESSED
+    for wanted in ({}, {"left": "/left/image_rect"}):
+        found = find(topics, **wanted)
+        assert (found.left, found.right) == ("/left/image_rect", "/right/image_rect/compressed")
+        assert found.right_info == "/right/camera_info"
+    with pytest.raises(InputError, match="no right image belongs to /front/image"):
+        find(topics | {"/front/image": IMAGE, "/front/image/compressed": COMPRESSED},
+             left="/front/image")
+    # Of the same transport if there is such a pair.
+    topics["/left/image_rect/compressed"] = COMPRESSED
+    found = find(topics, left="/left/image_rect/compressed")
+    assert found.right == "/right/image_rect/compressed"
+    found = find(topics | camera("/{}", "image_rect"))
+    assert (found.left, found.right) == ("/left/image_rect", "/right/image_rect")
+
+
 def test_what_is_rectified_by_its_name_is_not_rectified_again() -> None:
     """Raw and rectified recordings are replayed by one command."""
     found = find(camera("/{}", "image_rect"), rectify=True)

@@ -127,6 +127,15 @@ def partner(topic: str) -> str | None:
     return topic
 
 
+def _right_of(channels: Mapping[str, Channel], left: str) -> str | None:
+    """Return the right image of a left one, of the same transport if there is one."""
+    other = partner(left)
+    if other is None:
+        return None
+    raw = other.removesuffix("/compressed")
+    return next((name for name in (other, raw, f"{raw}/compressed") if name in channels), None)
+
+
 def info_topic(image: str) -> str:
     """Return the topic of the CameraInfo of an image, beside it."""
     base = image.removesuffix("/compressed")
@@ -139,8 +148,8 @@ def _find_pair(
     if wanted.right is not None and wanted.left is None:
         raise InputError("--right is given without --left: give both")
     if wanted.left is not None:
-        right = wanted.right or partner(wanted.left)
-        if right is None or (wanted.right is None and right not in channels):
+        right = wanted.right or _right_of(channels, wanted.left)
+        if right is None:
             raise InputError(f"no right image belongs to {wanted.left} by its name: give --right")
         for topic in (wanted.left, right):
             check_topic(channels, topic, (IMAGE, COMPRESSED))
@@ -149,8 +158,8 @@ def _find_pair(
         (topic, other)
         for topic, channel in channels.items()
         if channel.type in (IMAGE, COMPRESSED) and not OTHER_IMAGES.search(topic)
-        and (other := partner(topic)) is not None
-        and other in channels and channels[other].type == channel.type
+        and (other := _right_of(channels, topic)) is not None
+        and channels[other].type in (IMAGE, COMPRESSED)
     ]
     if not candidates:
         images = [t for t, c in channels.items() if c.type in (IMAGE, COMPRESSED)]
