@@ -233,6 +233,18 @@ def test_publisher_of_another_type_is_named_and_not_followed(
     context.try_shutdown()
 
 
+@pytest.mark.parametrize("asked, there, transport", [
+    ("camera", "camera/compressed", "compressed"), ("camera/compressed", "camera", "raw")])
+def test_images_that_come_in_the_other_transport_are_named(
+    make_world: Callable[..., World], asked: str, there: str, transport: str
+) -> None:
+    world = make_world("--ros-args", "-r", f"info:={asked}")
+    world.speaker.create_publisher(CompressedImage, there, 10)
+    world.until(lambda: world.listener.count_publishers(there) == 1)
+    assert world.subscription.describe_publishers().startswith(
+        f"/{asked} has no publisher, but /{there} has: set image_transport to {transport},")
+
+
 @pytest.mark.parametrize("wish", ["best_effort", "reliable"])
 def test_what_the_user_asks_for_stays(make_world: Callable[..., World], wish: str) -> None:
     world = make_world(

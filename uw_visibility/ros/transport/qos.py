@@ -188,9 +188,17 @@ class AdaptiveReliabilitySubscription:
             self._take_over(newest)
 
     def describe_publishers(self) -> str:
-        """Describe the topic's publishers; see `uw_visibility.ros.transport.qos`."""
-        return describe_publishers(
+        """Describe the topic's publishers, or that the images come raw or compressed instead."""
+        text = describe_publishers(
             self._node, self._topic, self._present, "remap the topic, or set image_transport")
+        name = self._present.topic_name
+        raw = name.removesuffix("/compressed")
+        other, transport = (f"{raw}/compressed", "compressed") if name == raw else (raw, "raw")
+        if self._node.count_publishers(name) == 0 < self._node.count_publishers(other):
+            return (
+                f"{text}, but {other} has: set image_transport to {transport}, or, if the cameras "
+                "differ, convert the images of one with `ros2 run image_transport republish`")
+        return text
 
     def destroy(self) -> None:
         while self._subscriptions:
