@@ -109,6 +109,7 @@ def clear_water_attenuation(response: CameraResponse) -> Array:
     return response.band_average(*clear_water_spectrum())
 
 
+@cache
 def daylight_spectrum() -> tuple[Array, Array]:
     """Wavelength, nm, rising, and relative power of the CIE standard daylight D55."""
     name = "daylight_d55.csv"

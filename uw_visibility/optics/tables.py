@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
+from functools import cache
 from importlib import resources
 from pathlib import Path
 
@@ -19,13 +20,18 @@ from uw_visibility.errors import InputError, refusing
 MOST_BYTES = 4 << 20
 
 
-def read_shipped(name: str) -> tuple[list[str], list[list[str]]]:
+# Column names, and rows of cells.
+Table = tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]
+
+
+@cache
+def read_shipped(name: str) -> Table:
     """Read a table of `uw_visibility.data` by its file name: column names and rows."""
     text = resources.files("uw_visibility.data").joinpath(name).read_text(encoding="utf-8")
     return parse(text)
 
 
-def read_file(path: Path) -> tuple[list[str], list[list[str]]]:
+def read_file(path: Path) -> Table:
     """Read a CSV file: its column names and its rows, without ``#`` lines.
 
     Raises `InputError` if the file cannot be read as text.
@@ -34,16 +40,14 @@ def read_file(path: Path) -> tuple[list[str], list[list[str]]]:
         return parse(read_regular(path, MOST_BYTES, "table").decode("utf-8-sig"))
 
 
-def parse(text: str) -> tuple[list[str], list[list[str]]]:
+def parse(text: str) -> Table:
     """Split CSV text into column names and rows, without ``#`` lines and blank lines."""
     lines = (line for line in text.splitlines() if line.strip() and not line.startswith("#"))
-    rows = [[cell.strip() for cell in row] for row in csv.reader(lines)]
-    return (rows[0], rows[1:]) if rows else ([], [])
+    rows = tuple(tuple(cell.strip() for cell in row) for row in csv.reader(lines))
+    return (rows[0], rows[1:]) if rows else ((), ())
 
 
-def numbers(
-    table: tuple[list[str], list[list[str]]], columns: Sequence[str], name: str
-) -> NDArray[np.float64]:
+def numbers(table: Table, columns: Sequence[str], name: str) -> NDArray[np.float64]:
     """Columns of a table of spectra as numbers, (N, len(columns)), N >= 2, all finite.
 
     The first column is the wavelength; `name` is that of the table, for messages.

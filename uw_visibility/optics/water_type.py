@@ -122,10 +122,11 @@ def water_types() -> list[str]:
     return list(dict.fromkeys(row[0] for row in rows))
 
 
+@cache
 def _properties(name: str, file: str) -> NDArray[np.float64]:
     """Wavelengths, absorption and scattering of a type in a shipped table, (3, N)."""
     head, rows = tables.read_shipped(file)
-    mine = [row for row in rows if row[0] == name]
+    mine = tuple(row for row in rows if row[0] == name)
     return tables.numbers((head, mine), ("wavelength_nm", "a_per_m", "b_per_m"), file).T
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import scipy.stats
+from scipy.special import logsumexp, softmax
 
 from uw_visibility.images.arrays import Array
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, word
@@ -229,19 +230,19 @@ def groups(distance: Array) -> list[tuple[float, int]]:
     above = values > 0.5 * (values.min() + values.max())
     member = np.column_stack((~above, above)).astype(np.float64)
     for _ in range(STEPS):
-        weight = member.mean(axis=0)
-        mean = values @ member / np.maximum(member.sum(axis=0), 1e-9)
+        weight = np.maximum(member.mean(axis=0), 1e-9)
+        mean = values @ member / (n * weight)
         width = max(math.sqrt(np.sum(member * (values[:, None] - mean) ** 2) / n), NARROWEST)
-        density = weight * scipy.stats.norm.pdf(values[:, None], mean, width)
-        total = np.maximum(density.sum(axis=1), 1e-300)
-        member = density / total[:, None]
+        density = np.log(weight) - 0.5 * ((values[:, None] - mean) / width) ** 2
+        member = softmax(density, axis=1)
     rivals = []
     for degree in (0, 1):
         left = values - np.polyval(np.polyfit(np.arange(n), values, degree), np.arange(n))
-        likelihood = scipy.stats.norm.logpdf(left, 0.0, max(left.std(), NARROWEST)).sum()
-        rivals.append(2.0 * likelihood - (2 + degree) * math.log(n))
+        alone = scipy.stats.norm.logpdf(left, 0.0, max(left.std(), NARROWEST)).sum()
+        rivals.append(2.0 * alone - (2 + degree) * math.log(n))
     uniform = -2.0 * n * math.log(np.ptp(values)) - 2.0 * math.log(n)
-    evidence = 2.0 * np.log(total).sum() - 4.0 * math.log(n) - max(*rivals, uniform)
+    likelihood = logsumexp(density, axis=1).sum() - n * math.log(width * math.sqrt(2.0 * math.pi))
+    evidence = 2.0 * likelihood - 4.0 * math.log(n) - max(*rivals, uniform)
     if evidence <= EVIDENCE or abs(mean[1] - mean[0]) <= SEPARATION * width:
         return []
     upper = member[:, 1] > 0.5
