@@ -17,6 +17,7 @@ from uw_visibility.errors import InputError
 from uw_visibility.images.view import View
 from uw_visibility.replay.frame_log import NAME, line_of, read_records
 from uw_visibility.replay.records import FrameRecord
+from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.blocks import Blocks
 from uw_visibility.water.estimate import LampLight
 from uw_visibility.water.lamps.tracks import GroundView
@@ -79,7 +80,7 @@ def test_records_come_back_bit_for_bit(tmp_path: Path) -> None:
 def test_a_frame_under_lamps_comes_back_without_its_image(tmp_path: Path) -> None:
     estimate = frame_estimate()
     image = np.full((60, 80, 3), 90, np.uint8)
-    rays = np.tile([0.0, 0.0, 1.0], (4, 5, 1))
+    rays = StereoRig(60.0, 0.1, (40.0, 30.0)).rays_at
     ground = GroundView.of(View.of(image), np.full((60, 80), 2.0, np.float32), rays)
     light = LampLight(*np.full((5, 3), 0.2), ground=ground)
     object.__setattr__(estimate.water, "lamps", light)

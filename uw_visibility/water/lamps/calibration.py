@@ -21,9 +21,8 @@ from uw_visibility.compute.robust import charbonnier_weight, median_deviation
 from uw_visibility.config.lighting import ISOTROPIC, Lamp
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array
-from uw_visibility.optics.lamps import across, vector
+from uw_visibility.optics.lamps import Ways, across, vector
 from uw_visibility.water.lamps import track_fit
-from uw_visibility.water.lamps.light import Ways
 from uw_visibility.water.lamps.posterior import BEAM_DEVIATION
 from uw_visibility.water.lamps.tracks import Sightings
 

@@ -150,9 +150,7 @@ class LampEstimator:
             refused = [Status.RANGE_SPREAD_TOO_SMALL] * 3
         water = estimate_nodes([nodes], self._lighting, self._clear_water, refused)
         assert water.lamps is not None
-        last_row, last_column = (n - 1 for n in view.shape)
-        corners = self._rays(np.array([0, last_column]), np.array([0, last_row]))
-        ground = GroundView.of(view, full, corners)
+        ground = GroundView.of(view, full, self._rays)
         return replace(water, lamps=replace(water.lamps, ground=ground))
 
 

@@ -158,11 +158,6 @@ class Details(NamedTuple):
     weight: Array
     level: Indices
 
-    @property
-    def levels(self) -> int:
-        """Number of scales."""
-        return int(self.level.max(initial=-1)) + 1
-
 
 def details_of(frames: Sequence[Indices]) -> Details:
     """Differences within frames, and between frames in the order of time.

@@ -31,9 +31,8 @@ import numpy as np
 from uw_visibility.compute.jit import njit
 from uw_visibility.config.lighting import Lamp, LightingConfig
 from uw_visibility.images.arrays import Array, Mask
-from uw_visibility.optics.lamps import ATTENUATIONS, between, displaced, vector
+from uw_visibility.optics.lamps import ATTENUATIONS, Ways, between, displaced, vector
 from uw_visibility.water.estimate import BRIGHT_RADIANCE, one_sigma
-from uw_visibility.water.lamps.light import Ways
 from uw_visibility.water.lamps.nodes import Nodes, details_of
 
 # Attenuation by particles, 1/m: the grid, and prior mean and deviation of its logarithm (belief
@@ -289,14 +288,14 @@ def _over_grid(scene: _Scene, depth: float | None, fitted: Fitted) -> list[_Fit]
     A frame may have two solutions, with much scattered light and with little. Starting from one
     side finds only one of them.
     """
-    clear_water = scene.clear_water
+    clear_water, levels = scene.clear_water, int(scene.details.level.max(initial=-1)) + 1
 
     def fit_at(particles: float, start: _Fit | None) -> _Fit:
         apart = np.hypot(CHANNEL_DEVIATION * particles, CLEAR_WATER_DEVIATION * clear_water)
         to_channels = (_BETWEEN_CHANNELS * apart).T
         light = scene.light(clear_water + particles, depth)
         logs, changes = scene.parts(light, to_channels, _usual_scattering(particles))
-        p, texture = np.zeros(changes.shape[-1]), np.zeros((scene.details.levels, 3, 3))
+        p, texture = np.zeros(changes.shape[-1]), np.zeros((levels, 3, 3))
         if start is not None:
             p, texture = start.parameters.copy(), start.texture.copy()
         if not texture.any():
@@ -428,35 +427,17 @@ def fit(
     log_light: Any, variances: Any, logs: Any, changes: Any, details: Any, fitted: Any, p: Any,
     texture: Any,
 ) -> tuple[float, Any]:
-    """Fit the unknowns beside the attenuation by particles.
+    """Fit the unknowns beside the attenuation by particles, `p`, and the texture, both in place.
 
     Iterated weighted least squares of the details of ln E (Student's distribution: Lange, Little
-    and Taylor 1989, doi:10.1080/01621459.1989.10478852), with the covariance of ln ρ of each scale
-    fitted along.
+    and Taylor 1989, doi:10.1080/01621459.1989.10478852), with the covariance of ln ρ of each scale,
+    `texture` (L, 3, 3), fitted along.
 
-    Parameters
-    ----------
-    log_light, variances : (N, 3) float64 ndarray
-        ln E and its variance.
-    logs : (2, L, N, 3) float64 ndarray
-        ln of the light's parts, from the ground and from the water.
-    changes : (2, L, N, 3, P) float64 ndarray
-        Their derivatives by `p`.
-    details : Details
-    fitted : Fitted
-    p : (P,) float64 ndarray
-        Differences of β (2), change of the exponent, displacements of lamps (M), variation of
-        scattered light (K), ln of daylight and of its veil (4 and 4, where there is any), ln of the
-        amount of scattered light over the usual one (3) and trends of ln ρ (3). Updated.
-    texture : (L, 3, 3) float64 ndarray
-        Covariance of ln ρ of each scale; updated.
-
-    Returns
-    -------
-    float
-        Logarithm of the evidence; NaN where the fit fails.
-    (P, P) float64 ndarray
-        Precision of `p`.
+    `log_light` and `variances` (N, 3) are ln E and its variance; for `logs` and `changes` see
+    `_Scene.parts`. `p` (P,) are differences of β (2), change of the exponent, displacements of
+    lamps (M), variation of scattered light (K), ln of daylight and of its veil (4 and 4, where
+    there is any), ln of the amount of scattered light over the usual one (3), trends of ln ρ (3).
+    Returns the logarithm of the evidence, NaN where the fit fails, and the precision of `p`.
     """
     _, lights, number, _, count = changes.shape
     residual, share = np.empty((number, 3)), np.empty((number, 3))

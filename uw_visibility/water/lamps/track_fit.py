@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 from uw_visibility.compute.robust import charbonnier_weight, median_deviation
 from uw_visibility.config.lighting import Lamp, LightingConfig
 from uw_visibility.images.arrays import Array, Mask
-from uw_visibility.optics.lamps import displaced
-from uw_visibility.water.lamps.light import Ways
+from uw_visibility.optics.lamps import Ways, displaced
 from uw_visibility.water.lamps.posterior import (
     ALBEDO,
     EXPONENT_DEVIATION,

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -203,12 +204,10 @@ class GroundView:
     high: Array  # (2,), the same of the last sample
 
     @classmethod
-    def of(cls, view: View, range_map: NDArray[np.float32], rays: Array) -> GroundView:
-        """Reduce a colour view.
-
-        `rays` (Y, X, 3) are unit directions of a grid from the first to the last of the camera's
-        pixels.
-        """
+    def of(
+        cls, view: View, range_map: NDArray[np.float32], rays: Callable[[Array, Array], Array]
+    ) -> GroundView:
+        """Reduce a colour view; `rays` gives unit directions, see `LampEstimator`."""
         assert view.colour is not None
         pixels = view.colour.pixels
         height, width = view.shape
@@ -222,10 +221,10 @@ class GroundView:
         ranges = range_map[middles]
         if view.valid is not None:
             ranges = np.where(view.valid[middles], ranges, np.float32(np.nan))
-        corners = np.array([rays[0, 0], rays[-1, -1]])
+        full = np.array([width, height])
+        corners = rays(np.array([0, width - 1]), np.array([0, height - 1]))[[0, 1], [0, 1]]
         tangents = corners[:, :2] / corners[:, 2:]
         # From the middle of the first pixel to that of the first sample.
-        full = np.array([width, height])
         inset = 0.5 * (full / size - 1.0) / (full - 1.0) * (tangents[1] - tangents[0])
         return cls(
             linear_table(view.transfer, pixels.dtype)[codes].astype(np.float16),
