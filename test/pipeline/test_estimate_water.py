@@ -54,7 +54,7 @@ def test_names_what_does_not_fit(rendered):
     left, disparity, rig, _ = rendered
     with pytest.raises(InputError, match="one floating-point number per pixel"):
         estimate_water(left, disparity[:-1], rig)
-    with pytest.raises(InputError, match=r"give \(H, W, 3\) or \(H, W\)"):
+    with pytest.raises(InputError, match=r"give \(height, width, 3\) RGB or"):
         estimate_water(left[..., :2], disparity, rig)
     with pytest.raises(InputError, match="int32"):
         estimate_water(left.astype(np.int32), disparity, rig)

@@ -91,15 +91,15 @@ class KernelCache:
         for folder in kernel_folder.folders():
             file = self._file(folder, identity)
             try:
-                content = kernel_folder.read(file)
-                if content is None:
-                    continue
+                content = file.read_bytes()
                 payload = content[_DIGEST_SIZE:]
                 if content != _sealed(identity, payload):
                     raise ValueError("its content is not what was written")
                 # Makes the parts of numba's library available that machine code refers to.
                 target_context.refresh()
                 kernel = self._serializer.rebuild(target_context, pickle.loads(payload))
+            except (FileNotFoundError, PermissionError):
+                continue
             except Exception as error:
                 # After any error the kernel can be compiled.
                 log.warning("compiling %s anew: %s is damaged (%s)", self._name, file, error)

@@ -87,13 +87,6 @@ def folders() -> tuple[Path, ...]:
     return tuple(found)
 
 
-def read(file: Path) -> bytes | None:
-    """Return the content of a file, or None if there is none that this user can read."""
-    try:
-        return file.read_bytes()
-    except (FileNotFoundError, PermissionError):
-        return None
-
 
 def write(file: Path, content: bytes) -> None:
     """Write a file of a version's folder atomically; create the folder."""

@@ -15,19 +15,10 @@ import os
 import sys
 from pathlib import Path
 
-_SETTINGS_FILE = Path(".numba_config.yaml")
-
-
-def _elsewhere() -> contextlib.AbstractContextManager[None]:
-    """Leave the current folder while numba is imported, if it has a file of settings."""
-    # lexists, since the target of a link may appear before numba reads it.
-    if os.path.lexists(_SETTINGS_FILE):
-        return contextlib.chdir(Path(__file__).parent)
-    return contextlib.nullcontext()
-
-
 _first = "numba" not in sys.modules
-with _elsewhere() if _first else contextlib.nullcontext():
+# lexists, since the target of a link may appear before numba reads it.
+_leave = _first and os.path.lexists(".numba_config.yaml")
+with contextlib.chdir(Path(__file__).parent) if _leave else contextlib.nullcontext():
     import llvmlite
     import numba
     from llvmlite import ir

@@ -106,7 +106,11 @@ class Restorer:
         of the range, 0..1, see `known_range`, 1 by default. Returns the image restored, and where
         an assessable channel is restored by less than half, (H, W) bool.
         """
-        planes = as_channels(image, range_map)
+        if image.shape[:2] != range_map.shape:
+            raise InputError(
+                f"image of shape {image.shape} does not fit a range map of shape "
+                f"{range_map.shape}: give both of the same view")
+        planes = image[:, :, np.newaxis] if image.ndim == 2 else image
         decode = linear_table(self._transfer, image.dtype)
         encode = encode_table(self._transfer, image.dtype)
         noise = noise_stddev(image) if noise is None else noise
@@ -178,15 +182,6 @@ def irradiance_noise(noise: Array, decode: NDArray[np.float32], veil: NDArray[np
     at = np.clip(np.searchsorted(decode, veil), 1, decode.size - 1)
     return np.asarray(codes * (decode[at] - decode[at - 1]), np.float64)
 
-
-def as_channels(image: NDArray[np.generic], range_map: RangeMap) -> NDArray[np.generic]:
-    """View an image as (H, W, C); refuse one that differs in size from its range map."""
-    if image.shape[:2] != range_map.shape:
-        raise InputError(
-            f"image of shape {image.shape} does not fit a range map of shape {range_map.shape}: "
-            "give both of the same view"
-        )
-    return image[:, :, np.newaxis] if image.ndim == 2 else image
 
 
 @njit(nogil=True, error_model="numpy")

@@ -28,33 +28,27 @@ def check_pair(left: Any, right: Any) -> tuple[Image, Image]:
 
     RGB (H, W, 3) or grey (H, W); uint8 or uint16.
     """
-    images = []
-    for side, image in (("left", left), ("right", right)):
-        array = np.asarray(image)
-        if array.dtype not in (np.uint8, np.uint16):
-            raise InputError(f"{side} image has type {array.dtype}: give uint8 or uint16")
-        if array.ndim != 2 and not (array.ndim == 3 and array.shape[2] == 3):
-            raise InputError(
-                f"{side} image has shape {array.shape}: give (height, width, 3) RGB or "
-                "(height, width) grey"
-            )
-        check_size(f"{side} image", array.shape)
-        images.append(read_only(np.ascontiguousarray(array)))
-    if images[0].shape != images[1].shape or images[0].dtype != images[1].dtype:
+    one, other = check_image("left image", left), check_image("right image", right)
+    if one.shape != other.shape or one.dtype != other.dtype:
         raise InputError(
-            f"left image is {_form(images[0])} and right image is {_form(images[1])}: "
-            "give a pair of one size and type"
-        )
-    return images[0], images[1]
+            f"left image is {_form(one)} and right image is {_form(other)}: give a pair of one "
+            "size and type")
+    return one, other
 
 
-def check_size(what: str, shape: tuple[int, ...]) -> None:
-    """Refuse an image that is too small for any estimate."""
-    height, width = shape[:2]
+def check_image(what: str, image: Any) -> Image:
+    """Check the type and size of one image; see `check_pair`."""
+    array = np.asarray(image)
+    if array.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"{what} has type {array.dtype}: give uint8 or uint16")
+    if array.ndim != 2 and not (array.ndim == 3 and array.shape[2] == 3):
+        raise InputError(
+            f"{what} has shape {array.shape}: give (height, width, 3) RGB or (height, width) grey")
+    height, width = array.shape[:2]
     if width < MIN_WIDTH or height < MIN_HEIGHT:
         raise InputError(
-            f"{what} is {width}x{height} px: give at least {MIN_WIDTH}x{MIN_HEIGHT} px"
-        )
+            f"{what} is {width}x{height} px: give at least {MIN_WIDTH}x{MIN_HEIGHT} px")
+    return read_only(np.ascontiguousarray(array))
 
 
 def check_valid(valid: Any, shape: tuple[int, ...]) -> Mask | None:

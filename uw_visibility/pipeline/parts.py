@@ -14,7 +14,7 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, Image, Mask, RangeMap
-from uw_visibility.images.pair import check_size, check_valid, read_only
+from uw_visibility.images.pair import check_image, check_valid
 from uw_visibility.images.view import View
 from uw_visibility.images.vignetting import FlatFieldCorrection
 from uw_visibility.pipeline.coincidence import show_one_scene
@@ -102,32 +102,26 @@ def estimate_water(
     InputError
         If shapes or types do not fit, or the image is smaller than 96x64 px.
     """
-    image, disparity = np.asarray(image), np.asarray(disparity)
-    if image.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"the image has type {image.dtype}: give uint8 or uint16")
+    image, disparity = check_image("the image", image), np.asarray(disparity)
     if disparity.shape != image.shape[:2] or disparity.dtype.kind != "f":
         raise InputError(
             f"the disparities are {disparity.dtype} of shape {disparity.shape}, the image has "
             f"the shape {image.shape}: give one floating-point number per pixel, px, NaN where "
             "unknown")
-    if image.ndim < 2 or image.shape[2:] not in ((), (1,), (3,)):
-        raise InputError(f"the image has the shape {image.shape}: give (H, W, 3) or (H, W)")
     valid = check_valid(valid, image.shape)
-    check_size("the image", image.shape)
     number = isinstance(disparity_stddev, int | float | np.number)
     if not (number and 0.0 <= disparity_stddev < math.inf):
         raise InputError(
             f"disparity_stddev is {disparity_stddev}: give 0 or a positive, finite number, px")
     config = config or PipelineConfig()
     camera = config.camera
-    image = read_only(np.ascontiguousarray(image))
     centres = (rig.principal_point, rig.principal_point_right or rig.principal_point)
     image, _ = FlatFieldCorrection(camera, centres, Workers(1)).correct(image, image)
     assessor = Assessor(config)
     estimators = Estimators(config, assessor, rig)
     range_map = rig.range_from_disparity(disparity.astype(np.float32))
     if show_one_scene(image, range_map):
-        view = View.of(image[..., 0] if image.shape[2:] == (1,) else image, camera.transfer, valid)
+        view = View.of(image, camera.transfer, valid)
         error = rig.range_error(disparity_stddev)
         water = estimators.first.estimate_view(view, range_map, range_error=error)
         by_lamps = estimators.lit_by_lamps(water)

@@ -159,20 +159,13 @@ class ContrastNormalizer:
     def _smooth(
         self, image: Image, weights: Sequence[float] | Array, workers: Workers, noise: Array
     ) -> None:
-        """Smooth the mix of channels according to its restored noise."""
+        """Smooth the mix of channels according to its restored noise, unless it is rounding."""
         self.image = image
-        self._noise_of_grey = self._known_noise(image, weights, noise)
-        self.noise = denoising.smooth(self.grey, self.gain, self._noise_of_grey, workers)
-
-    def _known_noise(
-        self, image: Image, weights: Sequence[float] | Array, noise: Array
-    ) -> float:
-        """Noise of the mix of channels, in units of `grey`; 0 if it is rounding alone."""
-        mixed = mixed_noise(image, noise, weights)
-        if image.dtype == np.uint8:
-            return mixed * _FINE if mixed > ROUNDING else 0.0
         # Averages of rounded pixels have smaller rounding errors.
-        return mixed if mixed > ROUNDING * _FINE / self._averaged else 0.0
+        scale, averaged = (_FINE, 1) if image.dtype == np.uint8 else (1.0, self._averaged)
+        mixed = scale * mixed_noise(image, noise, weights)
+        self._noise_of_grey = mixed if mixed > ROUNDING * _FINE / averaged else 0.0
+        self.noise = denoising.smooth(self.grey, self.gain, self._noise_of_grey, workers)
 
     def noise_gradient(self, step: int) -> Array:
         """Standard deviation of Sobel responses to noise, at every `step` pixels.

@@ -57,7 +57,10 @@ def smooth(
         cv2.GaussianBlur(grey, (0, 0), _scale_of(restored), dst=grey)
         return restored
     gains = np.linspace(low, high, _TABLE)
-    position = _position_of(np.asarray(_scale_of(noise * gains))).astype(np.float32)
+    # Position among the computed scales, between two of them.
+    position = np.interp(
+        _scale_of(noise * gains), [_sigma(level) for level in range(_LEVELS + 1)],
+        np.arange(_LEVELS + 1)).astype(np.float32)
     per_gain = np.float32((_TABLE - 1) / (high - low))
     coarsest = position[((largest - np.float32(low)) * per_gain + np.float32(0.5)).astype(int)]
     # At least two neighbouring scales, also if all pixels need the coarsest one or more.
@@ -120,11 +123,6 @@ def _scale_of(noise: Any) -> Any:
     """Standard deviation of the Gaussian, px, for a restored noise."""
     return np.minimum(_SCALE * np.power(noise, _POWER), LARGEST)
 
-
-def _position_of(scale: Array) -> Array:
-    """Position of a scale among those computed, between two of them; 0 is the image itself."""
-    computed = np.concatenate(([0.0], _FIRST * _RATIO ** np.arange(_LEVELS)))
-    return np.interp(scale, computed, np.arange(_LEVELS + 1))
 
 
 @njit(nogil=True, error_model="numpy")

@@ -170,15 +170,6 @@ def _ask(
         against[at] += weight * vote
 
 
-@njit(nogil=True, error_model="numpy")
-def _difference_over_texture(left: Any, right: Any, blank: Any, row: int, x: Any, d: Any) -> Any:
-    """Difference of a match's descriptors over their texture; `row` is the row's first pixel."""
-    at = (row + x) * BYTES
-    other = (row + x - index_of(d + np.float32(0.5), 0, x)) * BYTES
-    difference = np.float32(absolute_difference(left, at, right, other))
-    texture = np.float32(absolute_difference(left, at, blank, x & 0)) + _LEAST_TEXTURE
-    return min(difference / texture, _MOST_DIFFERENCE)
-
 
 @njit(nogil=True, error_model="numpy")
 def _rate(
@@ -194,7 +185,11 @@ def _rate(
             if d != d:
                 confidence[y, x] = 0
                 continue
+            at = (y * width + x) * BYTES
+            other = (y * width + x - index_of(d + np.float32(0.5), 0, x)) * BYTES
+            difference = np.float32(absolute_difference(left, at, right, other))
+            texture = np.float32(absolute_difference(left, at, blank, x & 0)) + _LEAST_TEXTURE
             odds = base + _AGAINST * confidence[y, x]
-            odds += _DIFFERENCE * _difference_over_texture(left, right, blank, y * width, x, d)
+            odds += _DIFFERENCE * min(difference / texture, _MOST_DIFFERENCE)
             entry = (odds - np.float32(_LEAST_ODDS)) * np.float32(_PER_UNIT) + np.float32(0.5)
             confidence[y, x] = table[index_of(entry, 0, table.size - 1)]

@@ -24,9 +24,9 @@ from uw_visibility.stereo.elas.descriptors import BYTES, absolute_difference
 BORDER = 2
 # A key holds energy in its high bits and disparity in its low ones, so that the best disparity is
 # found by a minimum without branches; of equal energies the smaller disparity is kept.
-_DISPARITY_BITS = 11
-_DISPARITY_MASK = (1 << _DISPARITY_BITS) - 1
-_NOTHING = np.int32((1 << 30) - 1)
+DISPARITY_BITS = 11
+DISPARITY_MASK = (1 << DISPARITY_BITS) - 1
+NOTHING = np.int32((1 << 30) - 1)
 # Side of the cells that collect the support points' disparities, px.
 CELL = 20
 
@@ -108,8 +108,8 @@ def _try_candidates(
     energy = np.empty(width, np.int32)
     for y in range(start, stop):
         here, there = keys_left[y], keys_right[y]
-        here[:] = _NOTHING
-        there[:] = _NOTHING
+        here[:] = NOTHING
+        there[:] = NOTHING
         if not BORDER <= y < height - BORDER:
             continue
         at = y * width * BYTES
@@ -147,13 +147,14 @@ def _try_planes(
                     here, there,
                 )
         for x in range(width):
-            best_left[y, x] = _disparity_of(here[x])
-            best_right[y, x] = _disparity_of(there[x])
+            best_left[y, x] = disparity_of(here[x], 0)
+            best_right[y, x] = disparity_of(there[x], 0)
 
 
 @njit(nogil=True, inline="always")
-def _disparity_of(key: Any) -> Any:
-    return np.int16(-1) if key == _NOTHING else np.int16(key & _DISPARITY_MASK)
+def disparity_of(key: Any, low: int) -> Any:
+    """Disparity of a key that counts from `low`; -1 where nothing was tried."""
+    return np.int16(-1) if key == NOTHING else np.int16((key & DISPARITY_MASK) + low)
 
 
 @njit(nogil=True)
@@ -215,7 +216,7 @@ def _offer(energy: Any, d: int, first: int, last: int, here: Any, there: Any) ->
     """
     for x in range(first, last):
         at, other = np.uint64(x), np.uint64(x - d)
-        key = np.int32((energy[at] << _DISPARITY_BITS) + d)
+        key = np.int32((energy[at] << DISPARITY_BITS) + d)
         here[at] = min(here[at], key)
         there[other] = min(there[other], key)
 
@@ -236,7 +237,7 @@ def _try_plane(
             continue
         i = at + x * BYTES
         energy = prior * surface[x] + absolute_difference(left, i, right, i - d * BYTES)
-        key = np.int32((energy << _DISPARITY_BITS) + d)
+        key = np.int32((energy << DISPARITY_BITS) + d)
         here[x] = min(here[x], key)
         there[x - d] = min(there[x - d], key)
 

@@ -18,7 +18,7 @@ from uw_visibility.stereo.denoising import LEAST_NOISE
 from uw_visibility.stereo.elas import mesh, postprocess, semi_global
 from uw_visibility.stereo.elas.confidence import drop_doubtful, rate
 from uw_visibility.stereo.elas.dense import DenseSearch
-from uw_visibility.stereo.elas.descriptors import SCALE, Descriptors
+from uw_visibility.stereo.elas.descriptors import BYTES, SCALE, Descriptors
 from uw_visibility.stereo.elas.edges import move_edges
 from uw_visibility.stereo.elas.evidence import CELL, remove_noise
 from uw_visibility.stereo.elas.support import SupportGrid, SupportPoints
@@ -150,11 +150,16 @@ class Matcher:
 
     def swapped_ratio(self) -> float:
         """Matches of the described pair with its images swapped, over those in order."""
-        return self._support.swapped_ratio(*self._descriptors)
+        return self._support.ratio(*self._descriptors[::-1])
 
     def moved_ratio(self, rows: int) -> float:
-        """Matches of the described pair with one image moved by rows, over those in place."""
-        return self._support.moved_ratio(*self._descriptors, rows)
+        """Matches of the described pair with one image moved by rows, over those in place.
+
+        That of the direction in which more match.
+        """
+        left, right = self._descriptors
+        moved = rows * self._shape[1] * BYTES
+        return max(self._support.ratio(left, np.roll(right, by)) for by in (-moved, moved))
 
     def coarse_disparity(self, support: SupportPoints) -> DisparityMap:
         """Return the mesh of the support points as an image, px; NaN outside the mesh."""

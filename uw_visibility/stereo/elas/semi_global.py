@@ -24,7 +24,8 @@ from uw_visibility.compute.vectors import LANES, Vectors
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.arrays import Points
 from uw_visibility.stereo.contrast import ContrastNormalizer
-from uw_visibility.stereo.elas.dense import BORDER, meeting_of_lines, plane_prior
+from uw_visibility.stereo.elas import dense
+from uw_visibility.stereo.elas.dense import BORDER, disparity_of, meeting_of_lines, plane_prior
 from uw_visibility.stereo.elas.descriptors import MARGIN, Descriptors
 
 # Rows of a strip, which one thread matches, and number of rows above it at which its downward path
@@ -65,11 +66,8 @@ _BARRED = np.uint8(200)
 _STEP, _STEP_PER_LEVEL = 40.0, 7.5
 _JUMP, _JUMP_PER_LEVEL = 90.0, 12.0
 _MOST_NOISE = 28.0
-# Keys, which hold a sum and a disparity: of 32 bits for all disparities, of 16 bits for a part of
+# Keys hold a sum and a disparity: those of `dense` for all disparities, of 16 bits for a part of
 # `_PART` disparities.
-_BITS = 11
-_MASK = (1 << _BITS) - 1
-_NOTHING = np.int32((1 << 30) - 1)
 _PART, _NO_KEY = 256, np.uint16(65535)
 
 
@@ -399,7 +397,7 @@ def _select(
         visible = _visible(x, width, low, tried)
         for k in range(x * count + visible, (x + 1) * count):
             total[np.uint64(k)] = _UNSEEN
-    best[:] = _NOTHING
+    best[:] = dense.NOTHING
     for first in range(0, count, _PART):
         keys[:] = _NO_KEY
         for x in range(width):
@@ -410,9 +408,9 @@ def _select(
             key = keys[width - 1 - x - low - first]
             best[1, x] = min(best[1, x], _whole_key(key, first))
     for x in range(width):
-        best_left[x] = _disparity_of(best[0, x], low)
-        best_right[x] = _disparity_of(best[1, x], low)
-        k = best[0, x] & _MASK
+        best_left[x] = disparity_of(best[0, x], low)
+        best_right[x] = disparity_of(best[1, x], low)
+        k = best[0, x] & dense.DISPARITY_MASK
         offset = 0.0
         if best_left[x] >= 0 and 0 < k < tried - 1:
             at = x * count + k
@@ -451,10 +449,5 @@ def _offer(typingctx: Any, total: Any, at: Any, count: Any, keys: Any, to: Any) 
 def _whole_key(key: Any, first: int) -> Any:
     """Key of 32 bits from one of 16 bits, whose disparities count from `first`."""
     if key >> 8 == _UNSEEN:
-        return _NOTHING
-    return np.int32(((key >> 8) << _BITS) + (key & 255) + first)
-
-
-@njit(nogil=True, error_model="numpy", inline="always")
-def _disparity_of(key: Any, low: int) -> Any:
-    return np.int16(-1) if key == _NOTHING else np.int16((key & _MASK) + low)
+        return dense.NOTHING
+    return np.int32(((key >> 8) << dense.DISPARITY_BITS) + (key & 255) + first)

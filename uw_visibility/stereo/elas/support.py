@@ -85,19 +85,7 @@ class SupportGrid:
         self._vertices = np.empty((rows, columns), np.bool_)
         self._texture = np.full((rows, columns), config.support_texture, np.int32)
 
-    def swapped_ratio(self, left: Image8, right: Image8) -> float:
-        """Matches of the last `search`'s pair with its images swapped, over those in order."""
-        return self._ratio(right, left)
-
-    def moved_ratio(self, left: Image8, right: Image8, rows: int) -> float:
-        """Matches of the last `search`'s pair with one image moved by rows, over those in place.
-
-        That of the direction in which more match.
-        """
-        moved = rows * self._shape[1] * BYTES
-        return max(self._ratio(left, np.roll(right, by)) for by in (-moved, moved))
-
-    def _ratio(self, left: Image8, right: Image8) -> float:
+    def ratio(self, left: Image8, right: Image8) -> float:
         """Matches of other descriptors over those of the last `search`.
 
         Ten are added to both, so that a few chance matches do not count. Only every eighth row of
