@@ -59,8 +59,7 @@ def test_arrays_of_kernels_are_annotated_as_any(file: Path) -> None:
 CONVERSIONS = re.compile(r"(np\.)?(int|round|u?int32|u?int64|u?intp)$")
 # Names, of arrays too, that stand for whole numbers in all kernels.
 WHOLE_NAMES = {
-    "_BARRED", "_BITS", "_DISPARITY_BITS", "_DISPARITY_MASK", "_MASK",
-    "_NOTHING", "_ROUNDS", "above", "at", "before", "after", "below", "best_left",
+    "DISPARITY_BITS", "_BARRED", "_ROUNDS", "above", "at", "before", "after", "below", "best_left",
     "blue", "code", "colours", "column", "count", "d", "descriptors", "energy", "entry", "first",
     "green", "held", "here", "i", "k", "key", "marks", "max_gap", "peek", "shift", "start", "steps",
     "symbol", "to", "total", "u", "v", "x", "y",
@@ -76,7 +75,9 @@ WHOLE = {
     "stereo/denoising.py": {"level", "scales.shape[0] - 2"},
     "stereo/elas/confidence.py": {"max(column[x], 0)"},
     "stereo/elas/postprocess.py": {"max(column[x] + 1, 0)"},
-    "stereo/elas/semi_global.py": {"abs(k - middle)", "apart", "scale"},
+    "stereo/elas/semi_global.py": {
+        "abs(k - middle)", "apart", "scale",
+        "(key >> 8 << dense.DISPARITY_BITS) + (key & 255) + first"},
     "stereo/elas/support.py": {"abs(after - before) >> 1"},
 }
 
