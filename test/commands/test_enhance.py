@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import yaml
 from numpy.typing import NDArray
+from PIL import ExifTags, Image
 from scenes import blurred, codes, stereo_pair, texture
 
 from uw_visibility.cli import main
@@ -159,6 +160,21 @@ def test_the_transfer_of_the_command_line_goes_before_that_of_the_file(
     assert "transfer srgb, " in told[2]
     linear, srgb = (read(tmp_path / name / "left_enhanced.png") for name in ("file", "line"))
     assert linear.shape == srgb.shape
+
+
+def test_a_jpeg_that_viewers_turn_is_told_and_used_as_stored(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = 6
+    paths = [tmp_path / f"{side}.jpg" for side in ("left", "right")]
+    for path, image, written in zip(paths, make_pair(), (exif, Image.Exif()), strict=True):
+        Image.fromarray(image).save(path, exif=written)
+    assert main(["enhance", *map(str, paths), *NUMBERS, "-o", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().err
+    assert f"{paths[0]} is turned by viewers" in said
+    assert f"{paths[1]} is turned" not in said
+    assert read(tmp_path / "out" / "left_enhanced.png").shape == (120, 160, 3)
 
 
 def test_a_jpeg_without_a_transfer_asks_for_it(

@@ -34,6 +34,9 @@ PRODUCTS = Products(
     REPORT, ("overview.png", "left_enhanced.png", "right_enhanced.png", *MAPS),
     "not of a result of enhance", keys=('"matched_fraction"',))
 COLOURS = ("red", "green", "blue")
+TURNED = (
+    "{} is turned by viewers (EXIF orientation), but used as stored: give the calibration, and "
+    "left and right, of the stored pixels, or turn the pixels first")
 LOSSY = (".jpg", ".jpeg")
 
 HELP = "one pair from files"
@@ -134,10 +137,12 @@ def _read_config(arguments: argparse.Namespace) -> tuple[PipelineConfig, Collect
 
 
 def _read_pair(left_path: Path, right_path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
-    from uw_visibility.images.files import read_image
+    from uw_visibility.images.files import is_turned, read_image
     from uw_visibility.images.pair import check_pair
 
     left, right = read_image(left_path), read_image(right_path)
+    for path in filter(is_turned, (left_path, right_path)):
+        say(TURNED.format(path), error=True)
     with naming(f"{left_path}, {right_path}"):
         check_pair(left, right)
     return left, right

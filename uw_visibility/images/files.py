@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import io
+import warnings
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -33,6 +36,21 @@ def read_image(path: str | Path) -> Image:
     if image.ndim == 3:
         image = image[:, :, 2::-1]
     return np.ascontiguousarray(image)
+
+
+def is_turned(path: str | Path) -> bool:
+    """Return whether a JPEG, by its EXIF, is to be turned or mirrored for viewing.
+
+    `read_image` does not do so: pixels stay where the camera and its calibration have them.
+    """
+    from PIL import ExifTags, Image
+
+    content = read_regular(path, MOST_BYTES, "image")
+    # Damage of the EXIF is told by warnings.
+    with warnings.catch_warnings(action="ignore"), suppress(OSError, SyntaxError, ValueError):
+        image = Image.open(io.BytesIO(content), formats=["JPEG"])
+        return image.getexif().get(ExifTags.Base.Orientation) in range(2, 9)
+    return False
 
 
 def write_png(path: str | Path, image: Image) -> None:
