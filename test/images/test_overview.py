@@ -63,6 +63,20 @@ def test_the_scale_of_a_clear_sea_has_no_exponents(monkeypatch: pytest.MonkeyPat
     assert words[-3:] == ["over 120 m", "3.3 m", "1.7 m"]
 
 
+@pytest.mark.parametrize("width, labels", [
+    (320, ["over 10 m", "1.8 m", "1 m"]), (130, ["over 10 m", "1 m"]), (60, ["over 10 m"])])
+def test_values_of_the_scale_do_not_overlap(
+    monkeypatch: pytest.MonkeyPatch, width: int, labels: list[str]
+) -> None:
+    words: list[str] = []
+    monkeypatch.setattr(
+        "uw_visibility.images.overview._write", lambda strip, text, *place: words.append(text))
+    image = np.zeros((40, width, 3), np.uint8)
+    ranges = np.where(np.arange(width) < width // 2, 10.0, 1.0).astype(np.float32)
+    overview(image, image, np.tile(ranges, (40, 1)), "", 0.0)
+    assert words[3:] == labels
+
+
 def test_an_image_that_was_not_restored_is_not_said_to_be() -> None:
     image, ranges = np.full((240, 320, 3), 90, np.uint8), np.ones((240, 320), np.float32)
     alike = overview(image, image, ranges, "", 0.0)

@@ -74,12 +74,17 @@ def side_by_side(
         _write(below, line, 0, row, size)
     below[2:step - 2, 2 * width:] = viridis(np.linspace(0.0, 1.0, width)[np.newaxis])
     low, high = ends or (0.0, 0.0)
+    free = 0.0
     for part in (0.0, 0.5, 1.0) if ends else ():
         far = 1.0 / max(low + part * (high - low), 1e-6)
         value = f"{np.format_float_positional(far, 2, fractional=False, trim='-')} m"
         value = value if part else f"over {value}"
-        space = width - _LETTER * size * (len(value) + 1)
-        _write(below, value, 2 * width + max(round(part * space), 0), 1, size)
+        length = _LETTER * size * (len(value) + 1)
+        start = part * max(width - length, 0.0)
+        # A narrow picture has no room for all of them.
+        if start >= free:
+            _write(below, value, 2 * width + round(start), 1, size)
+            free = start + length
     return np.concatenate((above, np.concatenate((image, enhanced, drawn), axis=1), below))
 
 
