@@ -337,7 +337,9 @@ def test_the_track_is_drawn_where_there_are_positions(replayed: Path) -> None:
     (drawn,) = draw_tracks({"": columns})
     assert "x [m]" in drawn
     columns["longitude"], columns["latitude"] = np.full(5, 10.5), np.full(5, 60.0)
-    assert "longitude [°]" in draw_tracks({"": columns})[0]
+    place = draw_tracks({"": columns})[0]
+    assert "longitude [°]" in place
+    assert len(re.findall(r">\d m</text>", place)) == 2
     columns["latitude"] = 60.0 + np.arange(5) * 1e-3
     columns["longitude"] = 10.5 + np.arange(5) * 1e-3
     columns["mean_attenuation"] = np.full(5, 0.2)
@@ -419,6 +421,19 @@ def test_a_figure_shows_clock_time_and_values_to_point_at() -> None:
     assert set(used) <= set(names)
 
 
+def test_times_are_within_the_drawing() -> None:
+    for stamps in ([1.7e9], 1.7e9 + 0.5 * np.arange(5)):
+        columns = {name: np.full(len(stamps), np.nan) for name in COLUMNS}
+        columns["stamp"] = np.array(stamps)
+        drawn = draw_series(columns)[0].drawing
+        width = float(re.search(r'viewBox="0 0 (\d+)', drawn)[1])  # type: ignore[index]
+        wide = drawn.partition("plot narrow")[0]
+        places = [float(x) for x in re.findall(r'x="([\d.]+)"[^>]*>22:13:2[\d.]*</text>', wide)]
+        # Half of 22:13:20 is 23 px wide.
+        assert places
+        assert all(x + 23.0 < width for x in places)
+
+
 def joined(name: str) -> dict[str, Column]:
     names = ("stamp", "beam_attenuation", "beam_attenuation_stddev", name)
     return dict.fromkeys(names, COLUMNS["depth"])
@@ -439,6 +454,15 @@ def test_what_a_fit_leaves_is_told_beside_what_the_estimates_may_be_off_by(
     (section,) = fit_joins(tmp_path, table, [ScalarTopic("/c")])
     assert left in section["text"]
     assert "scatter 0" not in section["text"]
+
+
+def test_too_few_values_for_a_fit_have_no_residuals(tmp_path: Path) -> None:
+    (tmp_path / "frames.csv").write_text(
+        "stamp,beam_attenuation,beam_attenuation_stddev,joined_t\n1.7e9,0.1,0.02,0.2\n")
+    table = read_table(tmp_path / "frames.csv", joined("joined_t"))
+    (section,) = fit_joins(tmp_path, table, [ScalarTopic("/t")])
+    assert "no fit" in section["figure"]
+    assert "time (UTC)" not in section["figure"]
 
 
 def test_what_falls_with_attenuation_is_drawn_with_its_deviations(tmp_path: Path) -> None:

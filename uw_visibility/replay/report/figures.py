@@ -34,6 +34,8 @@ MOST_POINTS = 600
 # Margins of the axes, in: left, right, below and above. The same for all figures, so that their
 # time axes are aligned.
 MARGINS = (0.68, 0.1, 0.5, 0.28)
+# Width of a digit, relative to the size of its font.
+LETTER = 0.6
 # Most recordings with names.
 MOST_NAMES = 12
 # Least value drawn; smaller ones are drawn here.
@@ -135,9 +137,22 @@ def clock_axis(axes: Any, narrow: bool) -> None:
     locator = matplotlib.dates.AutoDateLocator(
         minticks=2, maxticks=5 if narrow else 9, tz="UTC")
     axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(matplotlib.dates.ConciseDateFormatter(
+    axes.xaxis.set_major_formatter(_ClockFormatter(
         locator, tz="UTC", formats=CLOCK, zero_formats=CLOCK, offset_formats=DATES))
     axes.set_xlabel("time (UTC)")
+
+
+class _ClockFormatter(matplotlib.dates.ConciseDateFormatter):
+    """Times without a label where the edge of the drawing would cut it off, as in zoom.js."""
+
+    def format_ticks(self, values: Sequence[float]) -> list[str]:
+        axes: Any = self.axis.axes
+        letter = axes.figure.dpi / 72.0 * LETTER * matplotlib.rcParams["font.size"]
+        places = axes.get_xaxis_transform().transform([(value, 0.0) for value in values])[:, 0]
+        return [
+            label if place + letter * len(label) / 2.0 < axes.figure.bbox.width else ""
+            for place, label in zip(places, super().format_ticks(values), strict=True)
+        ]
 
 
 class _Panel(NamedTuple):

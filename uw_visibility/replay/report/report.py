@@ -286,6 +286,7 @@ def _draw(columns: Columns, join: ScalarTopic, fit: LineFit | None) -> Markup:
         residuals.set_ylabel(f"{title} minus fit{unit}")
         if fit is None:
             residuals.text(0.5, 0.5, "no fit", transform=residuals.transAxes, ha="center")
+            residuals.set_axis_off()
         else:
             _draw_fit(scatter, fit)
             residuals.errorbar(

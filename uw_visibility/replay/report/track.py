@@ -30,6 +30,8 @@ LARGEST_HEIGHT = 6.0
 LEAST_COSINE = 0.01
 # Ends closer to the start than this share of the map have no marker and no label.
 LABELLED = 0.08
+# Length of the sides of the map of a single place, m.
+PLACE = 10.0
 # Most names in the label of tracks that start at the same place.
 NAMED = 3
 METRES_PER_DEGREE = math.radians(EARTH_RADIUS)
@@ -113,6 +115,10 @@ def _draw(tracks: list[_Track], quantity: str, geographic: bool) -> Markup:
                 location="bottom" if narrow else "right")
         axes.set_aspect(metres[1] / metres[0], adjustable="datalim")
         axes.margins(0.12)
+        if max(extent) == 0.0:
+            # By itself the axis would span degrees.
+            axes.set_xlim(x[0] - PLACE / 2.0 / metres[0], x[0] + PLACE / 2.0 / metres[0])
+            axes.set_ylim(y[0] - PLACE / 2.0 / metres[1], y[0] + PLACE / 2.0 / metres[1])
         if geographic:
             axes.xaxis.set_major_formatter(_LongitudeFormatter())
         axes.ticklabel_format(useOffset=False, style="plain")
