@@ -66,13 +66,7 @@ def traced(folder: Path, seed: int = 0) -> Iterator[Case]:
 
 
 def traced_scenes(folder: Path) -> list[Path]:
-    """Return the folders of complete scenes that `uw_visibility render` made.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Return the folders of complete scenes that `uw_visibility render` made."""
     found = sorted(path.parent for path in folder.glob(f"*/{TRUTH}"))
     if not found:
         raise InputError(f"{folder} holds no traced scenes: make some by uw_visibility render")

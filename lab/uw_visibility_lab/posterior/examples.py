@@ -85,11 +85,6 @@ def draw_all(
 
     `lamps` is the share of views under lamps, by default that of the beliefs. Views with too few
     ranges, or whose truth has no finite logarithm, are left out.
-
-    Raises
-    ------
-    InputError
-        If the pool holds no scenes, or nearly all views are left out.
     """
     places = scenes_of(pool)
     blocks = [range(at, min(at + BLOCK, number)) for at in range(0, number, BLOCK)]
@@ -154,13 +149,7 @@ def save(examples: Examples, path: Path) -> None:
 
 
 def load(path: Path) -> Examples:
-    """Read what `save` wrote.
-
-    Raises
-    ------
-    InputError
-        If it is not such a file.
-    """
+    """Read what `save` wrote."""
     try:
         with np.load(path, allow_pickle=False) as data:
             found = Examples(*(data[name] for name in Examples._fields))

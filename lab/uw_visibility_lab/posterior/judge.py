@@ -72,12 +72,8 @@ def ask(estimator: Estimator, case: Case) -> Judged:
 def flips(estimator: Estimator, cases: Sequence[Case]) -> tuple[float, float]:
     """Effect of irrelevant changes: noise of ± 1 code, a row and column cut off, mirroring.
 
-    Returns
-    -------
-    flips : float
-        Part of the changed frames with a distance where the original has none, or the reverse.
-    moves : float
-        Root mean square change of ln distance, in the reported deviations.
+    Returns the part of the changed frames with a distance where the original has none, or the
+    reverse, and the root mean square change of ln distance, in the reported deviations.
     """
     changed, moves = [], []
     for index, case in enumerate(cases):

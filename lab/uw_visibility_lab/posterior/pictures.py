@@ -110,13 +110,7 @@ def with_noise(image: Image8, seed: tuple[int, ...]) -> Image8:
 
 
 def real_pairs(folder: Path) -> Iterator[Pair]:
-    """Yield the pairs of a folder with calibration.json, left_*.png and right_*.png.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Yield the pairs of a folder with calibration.json, left_*.png and right_*.png."""
     found = sorted(folder.glob("left_*.png"))
     if not found:
         raise InputError(f"{folder} holds no pairs: give left_*.png, right_*.png, calibration.json")

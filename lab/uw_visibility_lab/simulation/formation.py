@@ -119,17 +119,7 @@ def fit_attenuation(
 ) -> Array:
     """Least-squares β of transmissions, Σ (t − e^(−βd))², by Gauss-Newton steps.
 
-    Parameters
-    ----------
-    ranges : (n,) ndarray
-        m.
-    transmission : (n, C) ndarray
-        0..1.
-
-    Returns
-    -------
-    (C,) float64 ndarray
-        1/m.
+    ranges: (n,), m. transmission: (n, C), 0..1. Returns (C,), 1/m.
     """
     d = np.asarray(ranges, np.float64)[:, np.newaxis]
     seen = np.asarray(transmission, np.float64)

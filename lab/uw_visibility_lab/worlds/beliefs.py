@@ -62,13 +62,7 @@ class Belief:
 
 @cache
 def beliefs() -> dict[str, Belief]:
-    """Read all beliefs of the shipped file, by ``table.name``.
-
-    Raises
-    ------
-    InputError
-        If an entry lacks its form, numbers, unit or source, or a number is invalid.
-    """
+    """Read all beliefs of the shipped file, by ``table.name``."""
     text = resources.files(__package__).joinpath("beliefs.toml").read_text(encoding="utf-8")
     return parse(text)
 

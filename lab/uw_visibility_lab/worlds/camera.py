@@ -86,25 +86,12 @@ def record(
     streams: Callable[[str], np.random.Generator], irradiance: Map, gains: Array, curve: Curve,
     effects: tuple[str, ...],
 ) -> NDArray[Any]:
-    """Convert irradiance to code values: vignetting, noise, mosaic, curve, codec.
+    """Convert irradiance to code values, (H, W, 3): vignetting, noise, mosaic, curve, codec.
 
-    Parameters
-    ----------
-    streams : callable
-        Random generator by purpose.
-    irradiance : (H, W, 3) float32 ndarray
-        With exposure and white balance, 1 is full scale; overwritten.
-    gains : (3,) float64 ndarray
-        Of white balance, for the noise; only their ratios matter.
-    curve : Curve
-        The camera's.
-    effects : tuple of str
-        Active effects, of ``draw.EFFECTS``.
-
-    Returns
-    -------
-    (H, W, 3) uint8 or uint16 ndarray
-        RGB code values.
+    streams: random generator by purpose.
+    irradiance: (H, W, 3), with exposure and white balance, 1 is full scale; overwritten.
+    gains: (3,), of white balance, for the noise; only their ratios matter.
+    curve, effects: of the camera, and active ones of ``draw.EFFECTS``.
     """
     if "vignetting" in effects:
         loss = draw(streams("vignetting"), "camera.vignetting")

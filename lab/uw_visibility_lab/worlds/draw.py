@@ -92,33 +92,17 @@ def draw(
     nearer: float = 1.0,
     lamps: bool = False,
 ) -> View:
-    """Draw a random view of a scene under water.
+    """Draw a random view of a scene under water, of the scene's size.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of all values: the same state gives the same view.
-    scene : Scene
-        The view has its size.
-    effects : sequence of str or None
-        Active ones of `EFFECTS`; None draws them by their beliefs.
-    nearer : float
-        Factor of the drawn median range: with the same state, another scene and another factor
+    E = W ρ e^(−βd) + B (1 − e^(−βd)), changed by the effects (Akkaynak and Treibitz 2018, doi
+    10.1109/CVPR.2018.00703).
+
+    rng: source of all values; the same state gives the same view.
+    effects: active ones of `EFFECTS`; None draws them by their beliefs.
+    nearer: factor of the drawn median range. With the same state, another scene and another factor
         give another frame of the same water by the same camera.
-    lamps : bool
-        Whether lamps of the vehicle light the view instead of daylight; `veil` and `light` are not
-        valid then.
-
-    Returns
-    -------
-    View
-        E = W ρ e^(−βd) + B (1 − e^(−βd)), changed by the effects (Akkaynak and Treibitz 2018, doi
-        10.1109/CVPR.2018.00703).
-
-    Raises
-    ------
-    InputError
-        If an effect has no such name, or the scene shows no surface.
+    lamps: lamps of the vehicle light the view instead of daylight; `veil` and `light` are not valid
+        then.
     """
     if not np.isfinite(scene.range).any():
         raise InputError(f"scene {scene.name} shows no surface: give one with finite ranges")
@@ -275,16 +259,9 @@ def vary(rng: np.random.Generator, scene: Scene) -> tuple[Map, Map, Map]:
 
 
 def downward(height: int, width: int, focal_length: float, pitch: float, roll: float) -> Map:
-    """Vertical drop of each pixel's line of sight per metre of range, (H, W) float32.
+    """Vertical drop of each pixel's line of sight per metre of range, (H, W).
 
-    Parameters
-    ----------
-    height, width : int
-        Of the image, px.
-    focal_length : float
-        px.
-    pitch, roll : float
-        rad, below the horizon and with the right side down.
+    Lengths are in px; pitch is below the horizon, roll with the right side down, rad.
     """
     x = ((np.arange(width) - (width - 1) / 2) / focal_length).astype(np.float32)
     y = ((np.arange(height) - (height - 1) / 2) / focal_length).astype(np.float32)[:, np.newaxis]

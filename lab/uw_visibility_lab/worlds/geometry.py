@@ -194,14 +194,7 @@ def cast(
 def picture_levels(picture: NDArray[np.float32]) -> NDArray[np.float32]:
     """Stack a picture's levels, each of half the side, for `sample_picture`.
 
-    Parameters
-    ----------
-    picture : (TEXTURE, TEXTURE, 3) float32 ndarray
-        Linear, 0..1.
-
-    Returns
-    -------
-    (pixels of all levels, 3) float32 ndarray
+    picture: (TEXTURE, TEXTURE, 3), linear. Returns (pixels of all levels, 3).
     """
     parts = []
     for _ in range(LEVELS):

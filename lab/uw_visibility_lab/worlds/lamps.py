@@ -71,16 +71,9 @@ def draw_lamps(rng: np.random.Generator) -> tuple[Lamp, ...]:
 def light_by_lamps(
     rng: np.random.Generator, reflectance: Map, ranges: Map, attenuation: Array
 ) -> tuple[Map, Map]:
-    """Light of random lamps from surfaces and from the water, (H, W, 3) float32 each.
+    """Light of random lamps from surfaces and from the water, (H, W, 3) each.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    reflectance : (H, W, 3) float32 ndarray
-    ranges : (H, W) float32 ndarray
-        m; inf in open water.
-    attenuation : (3,) float64 ndarray
-        β, 1/m.
+    ranges: (H, W), m; inf in open water. attenuation: β, (3,), 1/m.
     """
     lamps = draw_lamps(rng)
     rays = rays_of(ranges.shape, draw(rng, "camera.focal_length"))

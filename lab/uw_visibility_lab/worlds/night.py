@@ -57,20 +57,13 @@ def draw_night(
     rng: np.random.Generator, scene: Scene, effects: Sequence[str] | None = None,
     daylight: float | None = None, contrast: float = 1.0,
 ) -> Night:
-    """Draw a frame of a scene under lamps.
+    """Draw a frame of a scene under lamps; the same state of `rng` gives the same frame.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        The same state gives the same frame, apart from the effects.
-    scene : Scene
-    effects : sequence of str or None
-        Active ones of `EFFECTS`; None draws each with the belief ``lamps.effect``.
-    daylight : float or None
-        Share of daylight in the surfaces' light, averaged over the view, 0 to below 1; both lamps
-        and daylight are declared. None: night, and lamps alone are declared.
-    contrast : float
-        Exponent of reflectance relative to its median: 0 for even ground.
+    effects: active ones of `EFFECTS`; None draws each with the belief ``lamps.effect``. They do not
+        change the rest of the frame.
+    daylight: share of daylight in the surfaces' light, averaged over the view, 0 to below 1; both
+        lamps and daylight are declared. None: night, and lamps alone are declared.
+    contrast: exponent of reflectance relative to its median; 0 for even ground.
     """
     streams = Streams(rng)
     chosen = streams("effects")

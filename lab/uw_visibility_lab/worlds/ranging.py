@@ -29,23 +29,12 @@ def measure_ranges(
 ) -> tuple[Map, float]:
     """Simulate a view's ranges as measured by a stereo matcher or a mesh.
 
-    Parameters
-    ----------
-    streams : callable
-        Random generator by purpose.
-    truth : (H, W) float32 ndarray
-        True ranges, m; inf in open water.
-    image : (H, W, 3) uint8 or uint16 ndarray
-        The recorded image: pixels without texture are not matched.
-    effects : tuple of str
-        Active effects, of ``draw.EFFECTS``; only those of ranges are used.
-
-    Returns
-    -------
-    ranges : (H, W) float32 ndarray
-        m, NaN where unknown.
-    range_error : float
-        Declared standard deviation of range over range², 1/m; 0 for exact ranges.
+    streams: random generator by purpose.
+    truth: (H, W), true ranges, m; inf in open water.
+    image: (H, W, 3), as recorded: pixels without texture are not matched.
+    effects: active ones of ``draw.EFFECTS``; only those of ranges are used.
+    Returns ranges, (H, W), m, NaN where unknown, and the declared standard deviation of range over
+        range², 1/m; 0 for exact ranges.
     """
     width = truth.shape[1]
     known = np.isfinite(truth)
@@ -97,17 +86,9 @@ def measure_ranges(
 def occluded(truth: Map, product: float) -> Mask:
     """Mark the pixels of the left view that the right camera does not see.
 
-    Parameters
-    ----------
-    truth : (H, W) float32 ndarray
-        Ranges, m; inf in open water.
-    product : float
-        Focal length times baseline, px m.
+    They are hidden by nearer ones, or beyond the right image's left edge.
 
-    Returns
-    -------
-    (H, W) bool ndarray
-        Pixels hidden by nearer ones, and those beyond the right image's left edge.
+    truth: ranges, m; inf in open water. product: focal length times baseline, px m.
     """
     place = np.arange(truth.shape[1], dtype=np.float32) - np.float32(product) / truth
     nearest = np.minimum.accumulate(place[:, ::-1], axis=1)[:, ::-1]

@@ -70,16 +70,7 @@ class Scene:
 def middlebury(folder: Path) -> Scene:
     """Read a Middlebury scene: view1, taken as linear reflectance, and ranges of disp1.
 
-    Parameters
-    ----------
-    folder : Path
-        See `uw_visibility_lab.evaluation.degrade.load_scene`. Pixels without disparity are filled
-        by `fill_from_background`.
-
-    Raises
-    ------
-    InputError
-        If a file is missing, the sizes differ, or no pixel has a disparity.
+    Pixels without disparity are filled by `fill_from_background`; see `degrade.load_scene`.
     """
     scene = degrade.load_scene(folder)
     return Scene(
@@ -93,20 +84,9 @@ def procedural(
 ) -> Scene:
     """Make a random scene: ground, rocks, corals, walls, pipes, or a picture on a plane.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of all values.
-    pictures : sequence of (TEXTURE, TEXTURE, 3) float32 ndarray
-        Textures of objects, in linear colours; see `read_pictures`.
-    size : (int, int)
-        Rows and columns.
+    The unit of range is arbitrary: the height of the camera over the ground.
 
-    Returns
-    -------
-    Scene
-        Of ``kind`` "procedural" or "picture on a plane". The unit of range is arbitrary: the
-        height of the camera over the ground.
+    pictures: textures of objects, see `read_pictures`. size: rows and columns.
     """
     if pictures and happens(rng, "procedural.picture_plane"):
         return _picture_plane(rng, pictures, size)
@@ -486,22 +466,10 @@ IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
 
 
 def read_pictures(folder: Path) -> list[Map]:
-    """Read a folder's colour photographs as textures, sorted by name.
+    """Read a folder's colour photographs (sRGB) as textures, sorted by name.
 
-    Parameters
-    ----------
-    folder : Path
-        Files of `IMAGE_SUFFIXES`, in sRGB; others, and those smaller than `TEXTURE`, are left out.
-
-    Returns
-    -------
-    list of (TEXTURE, TEXTURE, 3) float32 ndarray
-        The largest square in the middle, linear, 0..1, RGB.
-
-    Raises
-    ------
-    InputError
-        If there is no such folder, or no such picture in it.
+    Each is the largest square in the middle, (TEXTURE, TEXTURE, 3), linear. Other files, and
+    pictures smaller than that, are left out.
     """
     if not folder.is_dir():
         raise InputError(f"there is no folder {folder}: give one with colour pictures")
@@ -529,25 +497,9 @@ def make_pool(
 ) -> None:
     """Make a pool of procedural scenes; each depends on its number and the seed only.
 
-    Parameters
-    ----------
-    count : int
-        Number of scenes.
-    seed : int
-        Of all of them.
-    folder : Path
-        Folder of the files ``<number>.npz``; existing ones are kept.
-    pictures : Path or None
-        Folder of colour photographs, see `read_pictures`.
-    size : (int, int)
-        Rows and columns.
-    jobs : int
-        Number of processes.
-
-    Raises
-    ------
-    InputError
-        If a folder cannot be read or written.
+    folder: of the files ``<number>.npz``; existing ones are kept.
+    pictures: folder of colour photographs, see `read_pictures`.
+    size: rows and columns. jobs: number of processes.
     """
     textures = read_pictures(pictures) if pictures is not None else []
     jobs = max(1, min(jobs, count))
@@ -587,13 +539,7 @@ def save_scene(scene: Scene, path: Path) -> None:
 
 
 def load_scene(path: Path) -> Scene:
-    """Read a scene that `save_scene` wrote; its ranges are relative to their median.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, or it holds no scene.
-    """
+    """Read a scene that `save_scene` wrote; its ranges are relative to their median."""
     with refusing(f"cannot read the scene {path}", OSError, KeyError, ValueError), \
             np.load(path, allow_pickle=False) as stored:
         pitch, roll, focal = (float(x) for x in stored["camera"])
@@ -603,13 +549,7 @@ def load_scene(path: Path) -> Scene:
 
 
 def pool(folder: Path) -> list[Path]:
-    """Return the files of a pool's scenes, sorted by name.
-
-    Raises
-    ------
-    InputError
-        If there are none.
-    """
+    """Return the files of a pool's scenes, sorted by name."""
     found = sorted(Path(folder).glob("*.npz"))
     if not found:
         raise InputError(

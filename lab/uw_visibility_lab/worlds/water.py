@@ -70,19 +70,8 @@ def draw_water(
 ) -> Water:
     """Draw water, its light and the camera's response.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of the values.
-    spectrum : bool
-        Whether transmission is integrated over wavelength, so that β falls with range.
-    red_gone : bool
-        Whether the camera is so deep that no red light is left.
-
-    Returns
-    -------
-    Water
-        With band averages of E = ∫ s L (ρ e^(−βd) + ω (1 − e^(−βd))) dλ where `spectrum` is true.
+    spectrum: integrate E = ∫ s L (ρ e^(−βd) + ω (1 − e^(−βd))) dλ, so that β falls with range.
+    red_gone: the camera is so deep that no red light is left.
     """
     name = RESPONSES[int(draw(rng, "camera.response"))]
     told = name
