@@ -133,12 +133,10 @@ def look_at(
     light = shading(nx, ny, nz)
     if hit == FLOOR:
         light *= on_floor(scene, scene.openness, px, py)
+        r, g, b = floor_radiance(scene.lattice, px, py, pz, footprint)
     else:
         above = pz - on_floor(scene, scene.heights, px, py)
         light *= 0.22 + 0.78 * smoothstep(-0.03, 0.22, above)
-    if hit == FLOOR:
-        r, g, b = floor_radiance(scene.lattice, px, py, pz, footprint)
-    else:
         r, g, b = shape_radiance(scene.lattice, scene.appearance[hit], px, py, pz, footprint)
     seen[0], seen[1], seen[2] = light * r, light * g, light * b
     seen[3], seen[4], seen[5] = r, g, b

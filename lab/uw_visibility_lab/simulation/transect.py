@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -26,9 +25,6 @@ RISE_PERIOD = 16.0
 
 METERED = 7
 """Number of frames from which the exposure of a transect under lamps is set."""
-
-# Making a reef takes as long as two small frames; transects of equal seed and length share it.
-_reef = functools.lru_cache(maxsize=2)(reef)
 
 
 @dataclass(frozen=True)
@@ -82,7 +78,7 @@ class Transect:
             self.camera, self.sensor, self.effects, workers or Workers(), self.camera_effects,
             self.lighting,
         )
-        scene = _reef(self.seed, self.length)
+        scene = reef(self.seed, self.length)
         exposure = self.exposure
         if self.lighting.lamps and exposure is None:
             exposure = self._meter(renderer, scene)
