@@ -25,7 +25,7 @@ from uw_visibility_lab.simulation.bag import START, TOPICS, write_transect
 
 TRANSECT = Transect(
     frames=3, rate=4.0, depth=(3.0, 5.0), attenuation=(0.1, 0.2), seed=2,
-    camera=StereoCamera(64, 48, 60.0, 0.2),
+    camera=StereoCamera(96, 64, 90.0, 0.2),
 )
 
 
@@ -64,15 +64,15 @@ def test_images_and_calibration(bag: SimpleNamespace) -> None:
             np.testing.assert_array_equal(read_image(message), getattr(frame, side))
             assert message.header.frame_id == f"stereo_{side}_optical_frame"
             assert info.header.frame_id == message.header.frame_id
-            assert (info.width, info.height, info.distortion_model) == (64, 48, "plumb_bob")
-            np.testing.assert_array_equal(info.k, [60, 0, 31.5, 0, 60, 23.5, 0, 0, 1])
+            assert (info.width, info.height, info.distortion_model) == (96, 64, "plumb_bob")
+            np.testing.assert_array_equal(info.k, [90, 0, 47.5, 0, 90, 31.5, 0, 0, 1])
             np.testing.assert_array_equal(info.r, np.eye(3).ravel())
             np.testing.assert_array_equal(info.d, np.zeros(5))
     left, right = (bag.messages[f"/{side}/camera_info"][0] for side in ("left", "right"))
-    assert right.p[3] == pytest.approx(-60.0 * 0.2)
+    assert right.p[3] == pytest.approx(-90.0 * 0.2)
     rig = StereoRig.from_camera_info(left, right)
-    assert (rig.focal_length, rig.baseline) == pytest.approx((60.0, 0.2))
-    assert rig.principal_point == (31.5, 23.5)
+    assert (rig.focal_length, rig.baseline) == pytest.approx((90.0, 0.2))
+    assert rig.principal_point == (47.5, 31.5)
 
 
 def test_depth_points_up_and_its_noise_is_as_stated(bag: SimpleNamespace) -> None:
@@ -102,21 +102,21 @@ def test_truth_of_the_water(bag: SimpleNamespace) -> None:
 def test_true_disparity_follows_the_message_definition(bag: SimpleNamespace) -> None:
     for message, frame in zip(bag.messages["/ground_truth/disparity"], bag.frames, strict=True):
         image = message.image
-        assert (image.encoding, image.height, image.width) == ("32FC1", 48, 64)
-        disparity = np.frombuffer(image.data, np.float32).reshape(48, 64)
+        assert (image.encoding, image.height, image.width) == ("32FC1", 64, 96)
+        disparity = np.frombuffer(image.data, np.float32).reshape(64, 96)
         assert np.isfinite(disparity).all()
         known = disparity >= np.float32(message.min_disparity)
         np.testing.assert_array_equal(known, np.isfinite(frame.disparity_left))
         np.testing.assert_array_equal(disparity[known], frame.disparity_left[known])
         assert disparity.max() <= message.max_disparity
-        assert (message.f, message.t) == pytest.approx((60.0, 0.2))
+        assert (message.f, message.t) == pytest.approx((90.0, 0.2))
 
 
 def test_the_command_writes_the_same_bag(bag: SimpleNamespace, tmp_path: Path) -> None:
     path = tmp_path / "bag"
     arguments = [
-        "simulate", "-o", str(path), "--frames", "3", "--rate", "4", "--width", "64",
-        "--height", "48", "--baseline", "0.2", "--depth", "3", "5",
+        "simulate", "-o", str(path), "--frames", "3", "--rate", "4", "--width", "96",
+        "--height", "64", "--baseline", "0.2", "--depth", "3", "5",
         "--attenuation", "0.1", "0.2", "--seed", "2", "--depth-stddev", "0.1",
     ]
     assert main(arguments) == 0
@@ -133,7 +133,7 @@ def test_options_left_out_are_the_defaults_of_the_library(tmp_path: Path) -> Non
         assert [m.data for m in one.messages(images)] == [m.data for m in other.messages(images)]
 
 
-SMALL = ["--frames", "1", "--width", "64", "--height", "48"]
+SMALL = ["--frames", "1", "--width", "96", "--height", "72"]
 
 
 @pytest.mark.parametrize("start, seconds", [
@@ -184,7 +184,7 @@ def first_frame(path: Path) -> SimpleNamespace:
     }
     images = {side: read_image(found[f"/{side}/image_rect"]) for side in ("left", "right")}
     return SimpleNamespace(
-        **vectors, **images, baseline=-found["/right/camera_info"].p[3] / 60.0,
+        **vectors, **images, baseline=-found["/right/camera_info"].p[3] / 90.0,
         alpha=found["/ground_truth/mean_attenuation"].data,
     )
 
@@ -209,7 +209,7 @@ WATER_OPTIONS = {
     "--layer 0.5 3": lambda one, other: (one.attenuation > other.attenuation + 0.4).all(),
     "--plume 0.5 0.3": lambda one, other: (
         (one.attenuation > other.attenuation).all()
-        and (one.left[:, :44] == other.left[:, :44]).all()),
+        and (one.left[:, :66] == other.left[:, :66]).all()),
 }
 """Options that change the truth of the water, and how."""
 
@@ -270,7 +270,8 @@ def test_automatic_white_balance_differs_from_frame_to_frame() -> None:
         (["--start", "yesterday"], "yesterday is not a time"),
         (["--start", "2050-01-01"], "from 1970 to 2037"),
         (["--start", "2038-01-19T03:14:07Z", "--frames", "3"], "give an earlier start"),
-        (["--width", "2"], "image size"),
+        (["--width", "95"], "--width is 95 px: give at least 96 and at most 8192 px"),
+        (["--height", "63"], "--height is 63 px: give at least 64"),
         (["--baseline", "0"], "baseline"),
         (["--attenuation", "-1", "0"], "attenuation"),
         (["--depth-stddev", "0"], "depth sensor"),

@@ -156,7 +156,7 @@ def test_what_lights_nothing_is_refused(make: Any, what: str) -> None:
         make()
 
 
-SMALL = ["--frames", "2", "--width", "64", "--height", "48", "--attenuation", "0.1", "0.1"]
+SMALL = ["--frames", "2", "--width", "96", "--height", "64", "--attenuation", "0.1", "0.1"]
 
 
 def test_the_command_records_lamps_and_their_truth(tmp_path: Path) -> None:

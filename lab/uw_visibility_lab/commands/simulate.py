@@ -179,13 +179,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     from uw_visibility.compute.threads import Workers
+    from uw_visibility.images.pair import MIN_HEIGHT, MIN_WIDTH
     from uw_visibility.replay.progress import progress_bar
     from uw_visibility_lab.simulation.bag import write_transect
-    from uw_visibility_lab.simulation.camera import CameraEffects, StereoCamera
+    from uw_visibility_lab.simulation.camera import LARGEST_SIDE, CameraEffects, StereoCamera
     from uw_visibility_lab.simulation.frame import Effects
     from uw_visibility_lab.simulation.transect import Transect
 
     check_range("--threads", arguments.threads, 0, MOST_THREADS)
+    # No command takes smaller images.
+    check_range("--width", arguments.width, MIN_WIDTH, LARGEST_SIDE, "px")
+    check_range("--height", arguments.height, MIN_HEIGHT, LARGEST_SIDE, "px")
     if len(arguments.altitude) > 2:
         raise InputError(f"--altitude has {len(arguments.altitude)} values: give one, or two")
     focal_length = arguments.focal_length
