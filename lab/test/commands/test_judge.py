@@ -57,8 +57,11 @@ def test_what_cannot_be_judged_is_one_sentence(
     arguments: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["judge", *(a.format(tmp_path) for a in arguments)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
+    said = capsys.readouterr()
+    (line,) = said.err.splitlines()
     assert sentence in line
+    # No head of a table that does not follow.
+    assert said.out == ""
 
 
 @pytest.mark.parametrize(("arguments", "sentence"), [

@@ -91,12 +91,19 @@ def run(arguments: argparse.Namespace) -> None:
         raise InputError("nothing to judge by: give --scenes, --middlebury, --traced or --sea")
     from uw_visibility_lab.evaluation.judging import HEAD, line_of, row_of
     from uw_visibility_lab.evaluation.tables import as_csv, flat
+    from uw_visibility_lab.posterior.cases import sea
     from uw_visibility_lab.posterior.judge import ask, flips
 
     estimators = {name: _estimator(name) for name in arguments.estimator}
     rows: list[dict[str, Any]] = []
-    say(HEAD)
-    for kind in _nights(arguments) if arguments.lamps else _kinds(arguments, estimators):
+    # Folders without cases are refused before hours of work with those of others.
+    kinds = list(_nights(arguments) if arguments.lamps else _kinds(arguments, estimators))
+    frames = arguments.sea if not arguments.lamps else None
+    if frames:
+        next(sea(frames))
+    if kinds:
+        say(HEAD)
+    for kind in kinds:
         judged: dict[str, list[Judged]] = {name: [] for name in kind.estimators}
         for case in progress_bar(kind.cases(kind.number), kind.name, kind.number):
             for name, estimator in kind.estimators.items():
@@ -112,9 +119,9 @@ def run(arguments: argparse.Namespace) -> None:
                 for each in judged[name]]
     if arguments.csv is not None:
         write_whole(arguments.csv, as_csv(rows))
-    if arguments.sea and not arguments.lamps:
+    if frames:
         for name, estimator in estimators.items():
-            _list_sea(name, estimator, arguments.sea)
+            _list_sea(name, estimator, frames)
 
 
 def _check_table(arguments: argparse.Namespace) -> None:
@@ -154,11 +161,14 @@ def _judge_pictures(arguments: argparse.Namespace) -> None:
         traced_pairs,
     )
 
-    say(HEAD)
+    head = HEAD
     for folder, pairs in ((arguments.pairs, real_pairs), (arguments.traced, traced_pairs)):
         every = []
         for pair in pairs(folder) if folder else ():
             rows = compare(pair, PipelineConfig(), arguments.seed)
+            if head:
+                say(head)
+                head = ""
             for row in rows:
                 say(line_of(pair.name, row))
             every += rows
