@@ -338,8 +338,11 @@ def test_a_result_of_several_is_complete_for_its_own_input_alone(
     assert main(command) == 0
     tables = [tmp_path / "day" / bag.name / "frames.csv" for bag in bags]
     before = [table.stat().st_mtime_ns for table in tables]
+    told = capsys.readouterr().out
     assert main(command) == 0
     assert [table.stat().st_mtime_ns for table in tables] == before
+    # What was told of the choices is told again.
+    assert told.count("give --transfer") == capsys.readouterr().out.count("give --transfer") == 2
     for options, difference in ((["--video"], "with other --images, --video"),
                                 (["--match-original"], "replay.match_original: give another")):
         assert main([*command, *options]) == 2

@@ -122,7 +122,7 @@ class Summary:
             "survey": self.survey,
             "synopsis": None if self.synopsis is None else self.synopsis.state(),
             "dropped": dict(self.dropped),
-            "damage": self.damage, "lacks": self.lacks,
+            "damage": self.damage, "lacks": self.lacks, "notes": self.notes,
             "seconds": round(self.seconds, 3), "python": sys.version.split()[0],
             "parameters": origin.parameters, "told": self.provenance.get("told"),
         }
@@ -134,7 +134,8 @@ class Summary:
         """Return the summary of an existing result."""
         found = cls(
             bag, output, complete=True, dropped=Counter(state["dropped"]),
-            damage=list(state["damage"]), lacks=list(state["lacks"]), topics=state["topics"],
+            damage=list(state["damage"]), lacks=list(state["lacks"]),
+            notes=list(state.get("notes", ())), topics=state["topics"],
             provenance={name: state[name] for name in ("parameters", "told")},
         )
         before = state["synopsis"]
