@@ -3,8 +3,8 @@
 #
 #   make venv          .venv with pinned versions and ROS 2 Jazzy, kernels compiled
 #   make demo          simulate, run the node, play the bag into it, report: see demo/
-#   make test          the tests, but for those that render or damage much: five minutes, ten on slow cores
-#   make studies       these: two to four minutes
+#   make test          the tests of what works by day on board: five minutes, more on slow cores
+#   make studies       those of the laboratory and of lamps, and what renders or damages much: as long
 #   make fuzz          an hour of damaged files and messages, absurd arguments, signals
 #   make lint          ruff, mypy, import-linter
 #   make quick         lint, and the tests that start no nodes and render little: two minutes
@@ -65,15 +65,15 @@ $(VENV_DOCS)/.installed: constraints/constraints-newest.txt constraints/constrai
 demo: venv
 	$(VENV)/bin/uw_visibility demo -o demo --force
 
-# Several tests at once would each compile the kernels of lamps, which make demo does without.
+# Several tests at once would each compile the kernels of lamps.
 $(VENV)/.lamps: $(VENV)/.installed test/lamps.yaml
 	$(VENV)/bin/uw_visibility warmup --params-file test/lamps.yaml
 	@touch $@
 
-test: $(VENV)/.lamps
+test: venv
 	$(VENV)/bin/python -m pytest -m "not long and not browser" $(PYTEST)
 
-studies: venv
+studies: $(VENV)/.lamps
 	$(VENV)/bin/python -m pytest -m long $(PYTEST)
 
 quick: lint

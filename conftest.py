@@ -32,18 +32,23 @@ PATIENCE = 600.0
 # Of four workers two wait for nodes and processes most of the time.
 WORKERS = 4
 NODE_FIXTURES = {"start_node", "make_client"}
-# What renders whole studies, guards what constants were fitted to, or damages much: for
-# `make studies`; `make test` leaves them out.
-LONG = {
-    "lab/test/evaluation/test_experiments.py", "lab/test/evaluation/test_plausibility.py",
-    "lab/test/evaluation/test_survey_report.py", "lab/test/posterior/test_lamps.py",
-    "lab/test/tracer/test_scene.py",
+# The laboratory, lamps, whose kernels take half a minute to compile, what guards fitted constants,
+# renders or damages much, or compiles anew: for `make studies`; `make test` leaves them out.
+LONG = (
+    "lab/test/",
+    "test/compute/test_fingerprint.py", "test/compute/test_numba_import.py",
+    "test/enhancement/test_lamp_radiance.py",
     "test/faults/test_fuzz.py", "test/faults/test_results.py", "test/faults/test_soak.py",
+    "test/pipeline/test_coincidence.py", "test/pipeline/test_degenerate.py",
+    "test/pipeline/test_lamp_survey.py", "test/pipeline/test_lamps.py",
     "test/pipeline/test_tracking.py",
-    "test/plausibility/test_transect.py", "test/replay/test_calibrate.py",
-    "test/replay/test_calibrate_lighting.py", "test/replay/test_cluster.py",
-    "test/water/lamps/test_survey.py",
-}
+    "test/plausibility/test_transect.py",
+    "test/replay/bags/test_damage.py", "test/replay/bags/test_limits.py",
+    "test/replay/test_calibrate.py", "test/replay/test_calibrate_lighting.py",
+    "test/replay/test_cluster.py", "test/replay/test_node_parity.py", "test/replay/test_stores.py",
+    "test/ros/test_cold_start.py", "test/ros/test_node_lamps.py",
+    "test/water/daylight/test_coverage.py", "test/water/lamps/",
+)
 
 # Files that wait for processes rather than compute, beside those that start nodes by fixtures.
 WAITING = {
@@ -119,7 +124,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     in the folder's order both workers would meet in test/ros, and the processors be idle.
     """
     for item in items:
-        if str(item.path.relative_to(HERE)) in LONG:
+        if str(item.path.relative_to(HERE)).startswith(LONG):
             item.add_marker(pytest.mark.long)
         if NODE_FIXTURES & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.node)
