@@ -275,8 +275,8 @@ class Filter(NamedTuple):
             covariances = self.covariances - _outer(gain, crossed)
             covariances[..., FAST, FAST] += burst
             parts.append(Filter(self.means + gain * residuals[..., np.newaxis], covariances))
-            log_densities.append(
-                math.log(max(share, LEAST_WEIGHT)) + _log_density(residuals, total))
+            log_density = -0.5 * (residuals**2 / total + np.log(2.0 * math.pi * total))
+            log_densities.append(math.log(max(share, LEAST_WEIGHT)) + log_density)
         return _mixed(parts, log_densities)
 
 
@@ -381,9 +381,6 @@ def _moments(weights: Array, means: Array, variances: Array) -> tuple[float, flo
     mean = float(weights @ means)
     return mean, math.sqrt(float(weights @ (variances + (means - mean) ** 2)))
 
-
-def _log_density(residuals: Array, variances: Array) -> Array:
-    return np.asarray(-0.5 * (residuals**2 / variances + np.log(2.0 * math.pi * variances)))
 
 
 def _outer(one: Array, other: Array) -> Array:

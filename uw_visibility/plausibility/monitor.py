@@ -104,7 +104,13 @@ class DepthMonitor:
 
     def report(self, now: float) -> Report:
         """Return the verdict at a time, s, of the clock of the arrivals."""
-        self._give_up_waiting()
+        # Waiting estimates that are too old, or of another recording, are given up.
+        limit = self.config.timeout * 1e9
+        while len(self._waiting) > 1 and (
+            abs(self._waiting[-1].stamp - self._waiting[0].stamp) > limit
+        ):
+            self._waiting.popleft()
+            self._unmatched += 1
         verdict, reason = self._judge(now)
         model = self._model
         bias, bias_stddev = model.right.constant if model is not None else (math.nan, math.nan)
@@ -128,14 +134,6 @@ class DepthMonitor:
                 comparisons.append(self._compare(estimate, sensor, arrival))
         return comparisons
 
-    def _give_up_waiting(self) -> None:
-        """Drop waiting estimates that are too old, or of another recording."""
-        limit = self.config.timeout * 1e9
-        while len(self._waiting) > 1 and (
-            abs(self._waiting[-1].stamp - self._waiting[0].stamp) > limit
-        ):
-            self._waiting.popleft()
-            self._unmatched += 1
 
     def _compare(self, estimate: DepthSample, sensor: DepthSample, arrival: float) -> Comparison:
         config, model = self.config, self._model
@@ -174,9 +172,13 @@ class DepthMonitor:
 
     def _judge(self, now: float) -> tuple[Verdict, str]:
         config = self.config
-        stale = self._stale(now)
-        if stale:
-            return Verdict.STALE, stale
+        for what, arrival in (
+            ("depth_sensor", self._sensor_arrival), ("estimate", self._estimate_arrival),
+        ):
+            if arrival == -math.inf:
+                return Verdict.STALE, f"no {what} yet"
+            if now - arrival > config.timeout:
+                return Verdict.STALE, f"no {what} for {now - arrival:.1f} s"
         if self._status is not Status.OK:
             return Verdict.NOT_ASSESSABLE, f"the depth is not assessable: {self._status}"
         model, last = self._model, self._last
@@ -199,13 +201,3 @@ class DepthMonitor:
                 f"too uncertain: a difference of {last.gate:.2f} m would pass"
             )
         return Verdict.OK, found
-
-    def _stale(self, now: float) -> str:
-        for what, arrival in (
-            ("depth_sensor", self._sensor_arrival), ("estimate", self._estimate_arrival),
-        ):
-            if arrival == -math.inf:
-                return f"no {what} yet"
-            if now - arrival > self.config.timeout:
-                return f"no {what} for {now - arrival:.1f} s"
-        return ""

@@ -90,16 +90,13 @@ def fit_line(
     """Fit a line with errors in both coordinates: slope S_xy / (S_xx − σ²).
 
     Errors of x flatten the line of y on x, so their variance σ² is subtracted from that of x, at
-    most until all values lie on the line: a part of σ may be common to all frames.
+    most until all values lie on the line: a part of σ may be common to all frames (W. A. Fuller,
+    Measurement Error Models, Wiley, 1987, section 1.2).
 
     x, x_stddev: (n,) float64, estimates and their standard deviations.
     y: (n,) float64, values of the sensor.
     source, against: names for the result.
     Returns None for too few frames, or if all estimates or all values are the same.
-
-    References
-    ----------
-    W. A. Fuller, Measurement Error Models, Wiley, 1987, section 1.2.
     """
     known = np.isfinite(x) & np.isfinite(x_stddev) & np.isfinite(y)
     x, x_stddev, y = x[known], x_stddev[known], y[known]

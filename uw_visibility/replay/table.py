@@ -97,10 +97,7 @@ def _parser(kind: str) -> Callable[[str], Any]:
 def write_dictionary(table: Path, columns: Mapping[str, Column]) -> None:
     """Write the dictionary of a table: names, units, definitions, standard names of columns.
 
-    References
-    ----------
-    Metadata Vocabulary for Tabular Data, W3C Recommendation, 2015,
-    https://www.w3.org/TR/tabular-metadata/
+    Metadata Vocabulary for Tabular Data, W3C 2015, https://www.w3.org/TR/tabular-metadata/.
     """
     content = {
         "@context": ["http://www.w3.org/ns/csvw", {"@language": "en"}],

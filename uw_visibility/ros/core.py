@@ -258,7 +258,11 @@ class NodeCore:
         work = self._read(
             frame, settings, self.state.substitute.config(settings.pipeline), turn.lane)
         read = time.perf_counter()
-        topics = self._wanted_topics()
+        # Estimates are always published, other topics only with subscribers.
+        topics = [
+            topic for topic, publisher in self._publishers.items()
+            if topic.startswith("visibility/") or publisher.get_subscription_count() > 0
+        ]
         with self._filtering:
             known_light = self._filter_for(settings).lamps
 
@@ -320,12 +324,6 @@ class NodeCore:
     def _ending(self) -> bool:
         return self.worker.stopping or not self._node.context.ok()
 
-    def _wanted_topics(self) -> list[str]:
-        """Return the topics to publish: estimates always, others only with subscribers."""
-        return [
-            topic for topic, publisher in self._publishers.items()
-            if topic.startswith("visibility/") or publisher.get_subscription_count() > 0
-        ]
 
     def _on_restart(self) -> None:
         """Reset the depth check after a jump back in time, of the stamps or of the clock."""

@@ -51,7 +51,13 @@ class CameraCalibration:
         camera_matrix = _matrix(info, "k", side).reshape(3, 3)
         projection = _matrix(info, "p", side).reshape(3, 4)
         rotation = _matrix(info, "r", side).reshape(3, 3)
-        _check_calibrated(camera_matrix, projection, side)
+        for name, matrix in (("K", camera_matrix), ("P", projection)):
+            if not (matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0):
+                raise InputError(
+                    f"{side} camera_info is not calibrated, {name} has the focal lengths "
+                    f"{matrix[0, 0]:g} and {matrix[1, 1]:g}: calibrate the camera and publish "
+                    "K, D, R and P"
+                )
         if not rotation.any():
             rotation = np.eye(3)
         left, top, binning_x, binning_y = _window(info)
@@ -198,13 +204,3 @@ def _matrix(info: CameraInfo, name: str, side: str) -> Array:
             "calibrate the camera and publish K, D, R and P"
         )
     return values
-
-
-def _check_calibrated(camera_matrix: Array, projection: Array, side: str) -> None:
-    for name, matrix in (("K", camera_matrix), ("P", projection)):
-        if not (matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0):
-            raise InputError(
-                f"{side} camera_info is not calibrated, {name} has the focal lengths "
-                f"{matrix[0, 0]:g} and {matrix[1, 1]:g}: calibrate the camera and publish "
-                "K, D, R and P"
-            )

@@ -162,18 +162,14 @@ def write_netcdf(
 ) -> None:
     """Write a table as a CF trajectory, with the attributes of the ACDD.
 
+    CF 1.11, chapter 9 (https://cfconventions.org); ACDD 1.3
+    (https://wiki.esipfed.org/Attribute_Convention_for_Data_Discovery_1-3).
+
     attributes: provenance; values other than text are written as JSON.
     wavelengths: (3,) float64, effective wavelengths of the channels, nm.
     transects: names of several recordings, in the column `TRANSECT`: an indexed ragged array
         (chapter H.4.4).
     given: global attributes of the user, which override those of this package.
-
-    References
-    ----------
-    Attribute Convention for Data Discovery (ACDD) 1.3,
-    https://wiki.esipfed.org/Attribute_Convention_for_Data_Discovery_1-3
-    NetCDF Climate and Forecast (CF) Metadata Conventions, version 1.11, chapter 9,
-    https://cfconventions.org
     """
     xarray = _import_netcdf()
     values = {_name(name): _values(table[name], column) for name, column in columns.items()}

@@ -98,10 +98,12 @@ def _fit(
         rate = np.tile(diffuse_attenuation(water_type, response), (len(estimates), 1))
     # What is left of each frame once the water above is taken off: white, if all is right.
     white = light + rate * sensed[:, np.newaxis]
-    white = (white - white[:, 1:2])[:, [0, 2]]
-    found = [_robust_mean(white[:, k]) for k in range(2)]
-    reference = np.exp([found[0][0], 0.0, found[1][0]])
-    spread = np.array([found[0][1], 0.0, found[1][1]])
+    white = white - white[:, 1:2]
+    mean, spread = np.zeros(3), np.zeros(3)
+    for c in (0, 2):
+        mean[c], scale = huber_mean(white[:, c])
+        spread[c] = scale / math.sqrt(_independent(white[:, c] - mean[c]))
+    reference = np.exp(mean)
     model = DepthModel(water_type, response, reference)
     depths = np.array([
         model.depth(e.attenuation, e.scene_light, covariance_with_light(e))[0] for e in estimates])
@@ -110,11 +112,6 @@ def _fit(
     rms = float(np.sqrt(np.mean(np.clip(residuals, -most, most) ** 2)))
     return Candidate(water_type, reference, reference * spread, rms), residuals
 
-
-def _robust_mean(values: Array) -> tuple[float, float]:
-    """Huber's mean of a series, and its standard deviation."""
-    mean, scale = huber_mean(values)
-    return mean, scale / math.sqrt(_independent(values - mean))
 
 
 def _independent(residuals: Array) -> float:
