@@ -87,7 +87,6 @@ def folders() -> tuple[Path, ...]:
     return tuple(found)
 
 
-
 def write(file: Path, content: bytes) -> None:
     """Write a file of a version's folder atomically; create the folder."""
     if not file.parent.exists():

@@ -183,7 +183,6 @@ def irradiance_noise(noise: Array, decode: NDArray[np.float32], veil: NDArray[np
     return np.asarray(codes * (decode[at] - decode[at - 1]), np.float64)
 
 
-
 @njit(nogil=True, error_model="numpy")
 def _restore(
     image: Any, gain: Any, trust: Any, decode: Any, encode: Any, veil: Any,

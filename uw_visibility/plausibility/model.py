@@ -382,6 +382,5 @@ def _moments(weights: Array, means: Array, variances: Array) -> tuple[float, flo
     return mean, math.sqrt(float(weights @ (variances + (means - mean) ** 2)))
 
 
-
 def _outer(one: Array, other: Array) -> Array:
     return one[..., :, np.newaxis] * other[..., np.newaxis, :]

@@ -134,7 +134,6 @@ class DepthMonitor:
                 comparisons.append(self._compare(estimate, sensor, arrival))
         return comparisons
 
-
     def _compare(self, estimate: DepthSample, sensor: DepthSample, arrival: float) -> Comparison:
         config, model = self.config, self._model
         if model is None or model.right.stddev != config.model_stddev:

@@ -324,7 +324,6 @@ class NodeCore:
     def _ending(self) -> bool:
         return self.worker.stopping or not self._node.context.ok()
 
-
     def _on_restart(self) -> None:
         """Reset the depth check after a jump back in time, of the stamps or of the clock."""
         self._jumps.add("time jumped back: continuing from the new time")

@@ -124,7 +124,6 @@ def _scale_of(noise: Any) -> Any:
     return np.minimum(_SCALE * np.power(noise, _POWER), LARGEST)
 
 
-
 @njit(nogil=True, error_model="numpy")
 def _interpolate(
     start: int, stop: int, scales: Any, gain: Any, low: Any, per_gain: Any, position: Any, grey: Any

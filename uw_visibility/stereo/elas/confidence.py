@@ -170,7 +170,6 @@ def _ask(
         against[at] += weight * vote
 
 
-
 @njit(nogil=True, error_model="numpy")
 def _rate(
     start: int, stop: int, disparity: Any, left: Any, right: Any, base: Any, table: Any,

@@ -113,7 +113,6 @@ def _fit(
     return Candidate(water_type, reference, reference * spread, rms), residuals
 
 
-
 def _independent(residuals: Array) -> float:
     """Effective sample size of a series in time (first-order autoregression)."""
     centred = residuals - residuals.mean()
