@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 from uw_visibility.errors import InputError
-from uw_visibility.images.encoded import TruncatedError, decode, read_header
+from uw_visibility.images.encoded import TruncatedError, decode, read_size
 
 PIXELS = np.random.default_rng(1).integers(0, 255, (40, 56, 3), np.uint8)
 CODECS = (".png", ".jpg", ".tiff", ".ppm")
@@ -50,7 +50,7 @@ def with_size(codec: str, width: int, height: int) -> bytes:
 @pytest.mark.parametrize("codec", CODECS)
 def test_size_is_that_of_the_pixels(codec: str) -> None:
     data = encoded(codec)
-    assert read_header(data) == (56, 40)
+    assert read_size(data) == (56, 40)
     assert decode(data).shape == (40, 56, 3)
 
 

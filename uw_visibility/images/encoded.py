@@ -13,7 +13,7 @@ import re
 import struct
 import zlib
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -54,47 +54,39 @@ class TruncatedError(InputError):
     """The encoded image is incomplete."""
 
 
-class Header(NamedTuple):
-    """Width and height of an encoded image, px."""
+def read_size(data: bytes) -> tuple[int, int]:
+    """Read width and height, px, of a PNG, JPEG, TIFF or binary PNM.
 
-    width: int
-    height: int
-
-
-def read_header(data: bytes) -> Header:
-    """Read the size of a PNG, JPEG, TIFF or binary PNM; check that a PNG or JPEG is complete.
-
-    Raises `TruncatedError` if it is not, `InputError` if it is damaged or beyond `MOST_PIXELS`.
+    Raises `TruncatedError` if a PNG or JPEG is not complete, `InputError` if the image is damaged
+    or beyond `MOST_PIXELS`.
     """
     if data.startswith(PNG):
-        header = _read_png(data)
+        width, height = _read_png(data)
     elif data.startswith(JPEG):
-        header = _read_jpeg(data)
+        width, height = _read_jpeg(data)
     elif data.startswith(TIFF):
-        header = _read_tiff(data)
+        width, height = _read_tiff(data)
     elif (match := PNM.match(data)) is not None:
-        header = Header(int(match[1]), int(match[2]))
-        if int(match[3]) not in PNM_CODES:
+        width, height, largest = map(int, match.groups())
+        if largest not in PNM_CODES:
             # Decoders ignore it, and return codes that would seem to be dark.
-            raise InputError(f"its largest code is {int(match[3])}, not that of 8 or 16 bit")
+            raise InputError(f"its largest code is {largest}, not that of 8 or 16 bit")
     else:
         raise InputError("it is neither PNG, JPEG nor TIFF")
-    if header.width < 1 or header.height < 1:
-        raise InputError(f"it is damaged: it declares {header.width}x{header.height} pixels")
-    if header.width * header.height > MOST_PIXELS:
-        raise InputError(
-            f"it declares {header.width}x{header.height} pixels, more than {MOST_PIXELS}"
-        )
-    return header
+    if width < 1 or height < 1:
+        raise InputError(f"it is damaged: it declares {width}x{height} pixels")
+    if width * height > MOST_PIXELS:
+        raise InputError(f"it declares {width}x{height} pixels, more than {MOST_PIXELS}")
+    return width, height
 
 
 def decode(data: bytes) -> NDArray[Any]:
     """Decode an image as it is stored, (H, W) or (H, W, C): depth and channels are not converted.
 
-    Channels are in OpenCV's order, blue first. Raises as `read_header`, and if decoding fails, data
+    Channels are in OpenCV's order, blue first. Raises as `read_size`, and if decoding fails, data
     of a JPEG are missing or left over, or the image has neither 8 nor 16 bit per channel.
     """
-    header = read_header(data)
+    width, height = read_size(data)
     image: NDArray[Any] | None = None
     if data.startswith(JPEG):
         # Imported here, since lossless images need no compiled code.
@@ -107,7 +99,7 @@ def decode(data: bytes) -> NDArray[Any]:
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
         raise InputError("it is damaged, and cannot be decoded") from error
-    if image is None or image.shape[:2] != (header.height, header.width):
+    if image is None or image.shape[:2] != (height, width):
         raise InputError("it is damaged, and cannot be decoded")
     if image.dtype not in (np.uint8, np.uint16):
         raise InputError(f"it has type {image.dtype}: give 8 or 16 bit per channel")
@@ -135,10 +127,10 @@ def _decode_jpeg(data: bytes) -> NDArray[np.uint8] | None:
     return pixels if image.mode == "L" else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
 
 
-def _read_png(data: bytes) -> Header:
+def _read_png(data: bytes) -> tuple[int, int]:
     """Read the size of a PNG, and check its chunks by their checksums (W3C PNG, section 5)."""
     view = memoryview(data)
-    header: Header | None = None
+    size: tuple[int, int] | None = None
     at = len(PNG)
     while at + 12 <= len(data):
         length, kind = struct.unpack_from(">I4s", data, at)
@@ -148,12 +140,12 @@ def _read_png(data: bytes) -> Header:
         (checksum,) = struct.unpack_from(">I", data, end - 4)
         if zlib.crc32(view[at + 4 : end - 4]) != checksum:
             raise InputError("it is damaged: a checksum differs")
-        if header is None:
+        if size is None:
             if kind != b"IHDR" or length != 13:
                 raise InputError("it is damaged: its first chunk is not a header")
-            header = Header(*struct.unpack_from(">II", data, at + 8))
+            size = struct.unpack_from(">II", data, at + 8)
         if kind == b"IEND":
-            return header
+            return size
         at = end
     raise TruncatedError("its end is missing: it is truncated")
 
@@ -187,12 +179,12 @@ def segments(data: bytes) -> Iterator[tuple[int, bytes, int]]:
         yield kind, content, at
 
 
-def _read_jpeg(data: bytes) -> Header:
+def _read_jpeg(data: bytes) -> tuple[int, int]:
     """Read the size of a JPEG; refuse one without an end or with missing scans.
 
     Without some scans decoders would return a coarse, smoothed image (T.81, G.1.1.1.1).
     """
-    header: Header | None = None
+    size: tuple[int, int] | None = None
     progressive = False
     scans = last = 0
     # Number of missing low-order bits of each coefficient, by component.
@@ -206,7 +198,7 @@ def _read_jpeg(data: bytes) -> Header:
                 _take_scan(missing, content, progressive)
         elif kind in FRAMES and scans == 0 and len(content) >= 6:
             height, width = struct.unpack_from(">HH", content, 1)
-            header = Header(width, height)
+            size = width, height
             if kind not in (*BASELINE, PROGRESSIVE):
                 # Decoders do not detect damage of arithmetic codes.
                 raise InputError("it is a JPEG that is neither baseline nor progressive")
@@ -219,9 +211,9 @@ def _read_jpeg(data: bytes) -> Header:
         raise TruncatedError("its end is missing: it is truncated")
     if any(map(any, missing.values())):
         raise TruncatedError("some of its scans are missing: it is truncated")
-    if header is None:
+    if size is None:
         raise InputError("it is damaged: its size is missing")
-    return header
+    return size
 
 
 def _take_scan(missing: dict[int, list[int]], content: bytes, progressive: bool) -> None:
@@ -234,7 +226,7 @@ def _take_scan(missing: dict[int, list[int]], content: bytes, progressive: bool)
         bits[band] = [after if before in (0, k) else k for k in bits[band]]
 
 
-def _read_tiff(data: bytes) -> Header:
+def _read_tiff(data: bytes) -> tuple[int, int]:
     order = "<" if data[:2] == b"II" else ">"
     tags: dict[int, int] = {}
     try:
@@ -246,7 +238,7 @@ def _read_tiff(data: bytes) -> Header:
                 (tags[tag],) = struct.unpack_from(
                     f"{order}{TIFF_TYPES[kind]}", data, at + 10 + 12 * entry
                 )
-        header = Header(tags[TIFF_WIDTH], tags[TIFF_HEIGHT])
+        size = tags[TIFF_WIDTH], tags[TIFF_HEIGHT]
     except (struct.error, KeyError) as error:
         raise TruncatedError("its size is missing: it is truncated or damaged") from error
     # Decoders allocate memory for a tile, which may be larger than the image.
@@ -257,4 +249,4 @@ def _read_tiff(data: bytes) -> Header:
         raise InputError(f"it is stored with orientation {orientation}, not upright (1)")
     if tags.get(TIFF_MEANING) == TIFF_WHITE_IS_ZERO:
         raise InputError("its 0 is white, not black")
-    return header
+    return size

@@ -19,7 +19,7 @@ import numpy as np
 from uw_visibility.errors import InputError, printable
 from uw_visibility.images.arrays import Image
 from uw_visibility.images.chroma import ChromaImage, mosaic_chroma, subsampled_chroma
-from uw_visibility.images.encoded import JPEG, PNG, TruncatedError, decode, read_header
+from uw_visibility.images.encoded import JPEG, PNG, TruncatedError, decode, read_size
 from uw_visibility.images.jpeg import jpeg_chroma
 from uw_visibility.messages.images import ENCODINGS, SUBSAMPLED
 
@@ -80,10 +80,9 @@ def message_chroma(message: Any, pixels: Image) -> ChromaImage | None:
     return None
 
 
-def read_size(message: Any, name: str) -> tuple[int, int]:
+def size_of(message: Any, name: str) -> tuple[int, int]:
     """Read width and height, px, of a compressed image, without decompressing it."""
-    header = _decoded(message, name, read_header)
-    return header.width, header.height
+    return _decoded(message, name, read_size)
 
 
 def _decoded(message: Any, name: str, read: Callable[[bytes], T]) -> T:

@@ -12,7 +12,7 @@ from uw_visibility.images.arrays import Image, Mask
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.pair import read_only
 from uw_visibility.messages import images
-from uw_visibility.messages.compressed import message_chroma, read_compressed, read_size
+from uw_visibility.messages.compressed import message_chroma, read_compressed, size_of
 from uw_visibility.stereo.calibration import CameraInfo, image_size, matrix_of
 from uw_visibility.stereo.rectification import Rectifier
 from uw_visibility.stereo.rig import StereoRig
@@ -101,7 +101,7 @@ def read_pixels(message: Any, name: str) -> tuple[Image, str]:
 def _check_size(message: Any, info: CameraInfo, side: str) -> None:
     width, height = image_size(info, side)
     if hasattr(message, "format"):
-        columns, rows = read_size(message, f"{side} image")
+        columns, rows = size_of(message, f"{side} image")
     else:
         columns, rows = images.image_view(message, f"{side} image").shape[1::-1]
     if (columns, rows) != (width, height):

@@ -210,4 +210,3 @@ def reduction_factor(shape: tuple[int, int], config: PipelineConfig) -> int:
     ):
         factor *= 2
     return factor
-

@@ -21,8 +21,7 @@ from uw_visibility.stereo.rig import StereoRig
 from uw_visibility_lab.simulation.lamp_light import Beam, direct_light, gaussian_beam
 from uw_visibility_lab.simulation.lamps import Lamp
 from uw_visibility_lab.simulation.phase_functions import (
-    FOURNIER_FORAND,
-    HENYEY_GREENSTEIN,
+    PHASE_FUNCTIONS,
     henyey_greenstein,
     phase_table,
 )
@@ -30,7 +29,6 @@ from uw_visibility_lab.worlds.beliefs import count, draw
 
 TWO_TERMS = "two terms"
 """Phase function of two terms of Henyey and Greenstein (Haltrin 2002, doi:10.1364/AO.41.001022)."""
-PHASES = (HENYEY_GREENSTEIN, FOURNIER_FORAND)
 
 # Forward and backward asymmetry of the two terms, and the weight of the second: 2.3 % is scattered
 # back, which is more than Petzold's 1.8 %.
@@ -78,7 +76,7 @@ def light_by_lamps(
     lamps = draw_lamps(rng)
     rays = rays_of(ranges.shape, draw(rng, "camera.focal_length"))
     scattering = attenuation * np.array([draw(rng, "lamps.albedo") for _ in range(3)])
-    rig = Rig(lamps, scattering, PHASES[count(rng, "lamps.phase")])
+    rig = Rig(lamps, scattering, PHASE_FUNCTIONS[count(rng, "lamps.phase")])
     return (
         reflectance * direct_light(rays, ranges, None, rig.lamps, attenuation),
         scattered_light(rays, ranges, rig, attenuation))
