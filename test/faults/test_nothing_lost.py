@@ -126,6 +126,17 @@ def test_foreign_files_are_kept(
         shutil.rmtree(planted) if planted.is_dir() else planted.unlink()
 
 
+@pytest.mark.parametrize("target", ["res", "notes.txt", "nowhere", "link"])
+def test_a_link_is_neither_replaced_nor_followed(
+    target: str, res: Path, recording: Path, said: Callable[..., str]
+) -> None:
+    (res.parent / "notes.txt").write_text("mine")
+    link = res.parent / "link"
+    link.symlink_to(target)
+    told = said("replay", recording, "-o", link, "--force")
+    assert f"{link} is a symbolic link: give the folder" in told
+
+
 def test_hidden_folders_beside_a_result_are_kept(
     res: Path, recording: Path, tmp_path: Path
 ) -> None:

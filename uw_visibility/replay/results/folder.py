@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -56,7 +57,8 @@ def places_of(target: Path) -> list[Path]:
     Raises `InputError` for the current folder and those that hold it.
     """
     here = Path.cwd()
-    if target.resolve() in (here, *here.parents):
+    # Path.resolve raises an error for a link to itself.
+    if Path(os.path.realpath(target)) in (here, *here.parents):
         raise InputError(
             f"{str(target)!r} is the current folder or holds it: give the results a folder of "
             "their own")
@@ -66,9 +68,11 @@ def places_of(target: Path) -> list[Path]:
 
 def check_target(target: Path, force: bool) -> None:
     """Refuse a folder that must not be overwritten."""
-    if not target.exists() and not target.is_symlink():
-        return
-    if target.is_dir() and not target.is_symlink() and not any(target.iterdir()):
+    if target.is_symlink():
+        # A link to a result would be replaced, and the result kept.
+        raise InputError(
+            f"{target} is a symbolic link: give the folder that it points to, or another name")
+    if not target.exists() or (target.is_dir() and not any(target.iterdir())):
         return
     several = (target / DAY_MARK).is_file()
     refuse_to_replace(target, RESULT.marks(target), several=several, force=force)
