@@ -129,6 +129,15 @@ def test_what_is_no_number_is_named(name: str, value: Any) -> None:
         StereoRig(**arguments | {name: value})
 
 
+@pytest.mark.parametrize("focal_length, width", [(3.6, 640), (8.0, 320), (12.0, 4000)])
+def test_a_focal_length_in_millimetres_is_told_as_such(focal_length: float, width: int) -> None:
+    says = f"focal length is {focal_length:g} px, probably {focal_length:g} mm: give it in px"
+    with pytest.raises(InputError, match=says):
+        StereoRig(focal_length, 0.1, ((width - 1) / 2, 100.0))
+    # A wide lens has a fourth of the width.
+    StereoRig(width / 4, 0.1, ((width - 1) / 2, 100.0))
+
+
 def test_a_baseline_in_millimetres_is_told_as_such() -> None:
     with pytest.raises(InputError, match="baseline is 65 m, probably 65 mm: give it in m"):
         StereoRig(focal_length=400.0, baseline=65.0, principal_point=(80.0, 60.0))

@@ -22,6 +22,9 @@ from uw_visibility.stereo.calibration import CameraInfo, check_rectified, read_p
 # bits, and their products must be finite.
 LARGEST = 1e6
 
+# Tangent of 85 degrees: a rectified image does not show as much beside its principal point. A
+# smaller focal length is probably in mm.
+WIDEST = 11.4
 # Largest baseline, m; a larger number is probably in mm.
 LARGEST_BASELINE = 10.0
 
@@ -69,6 +72,10 @@ class StereoRig:
         if self.focal_length_y is not None:
             _check_positive("vertical focal length", self.focal_length_y, "px")
         _set_point(self, "principal_point", "principal point")
+        if self.principal_point[0] > WIDEST * self.focal_length:
+            raise InputError(
+                f"focal length is {self.focal_length:g} px, probably {self.focal_length:g} mm: "
+                "give it in px, which is that in mm over the width of a pixel in mm")
         if self.principal_point_right is not None:
             _set_point(self, "principal_point_right", "right principal point")
 
