@@ -48,6 +48,7 @@ LONG = (
     "test/replay/test_cluster.py", "test/replay/test_node_parity.py", "test/replay/test_stores.py",
     "test/ros/test_cold_start.py", "test/ros/test_node_lamps.py",
     "test/water/daylight/test_coverage.py", "test/water/lamps/",
+    "test/water/series/test_survey.py",
 )
 
 # Files that wait for processes rather than compute, beside those that start nodes by fixtures.

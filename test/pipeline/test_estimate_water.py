@@ -4,11 +4,10 @@
 
 from __future__ import annotations
 
-import lamp_scene
 import numpy as np
 import pytest
 
-from uw_visibility import PipelineConfig, StereoRig, estimate_water
+from uw_visibility import StereoRig, estimate_water
 from uw_visibility.errors import InputError
 from uw_visibility.status import Status
 from uw_visibility_lab.evaluation.scenes import load_source
@@ -73,16 +72,3 @@ def test_names_an_image_that_is_too_small(shape):
     rig = StereoRig(600.0, 0.12, (47.5, 31.5))
     with pytest.raises(InputError, match=f"{shape[1]}x{shape[0]} px: give at least 96x64 px"):
         estimate_water(np.full((*shape, 3), 77, np.uint8), disparity, rig)
-
-
-def test_under_lamps_ranges_of_ones_own_tell_attenuation_but_no_depth():
-    shown = lamp_scene.render(0.15)
-    config = PipelineConfig.from_parameters(lamp_scene.parameters())
-    disparity = lamp_scene.RIG.disparity_from_range(shown.range)
-    found = estimate_water(shown.image, disparity, lamp_scene.RIG, config)
-    assert found.status is Status.OK
-    error = found.water.attenuation - shown.attenuation
-    assert (np.abs(error) < 3 * found.water.attenuation_stddev).all()
-    assert np.isfinite(found.visibility.distance)
-    assert found.visibility.depth_status is Status.NO_DEPTH_BY_LAMPS
-    assert not np.isfinite(found.visibility.depth)

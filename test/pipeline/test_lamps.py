@@ -10,7 +10,7 @@ import lamp_scene
 import numpy as np
 import pytest
 
-from uw_visibility import Pipeline, PipelineConfig
+from uw_visibility import Pipeline, PipelineConfig, estimate_water
 from uw_visibility.compute.jit import counts
 from uw_visibility.images.view import View
 from uw_visibility.pipeline.lamps import Estimators
@@ -162,3 +162,16 @@ def test_warm_up_compiles_all_that_lamps_need(night: RenderedFrame) -> None:
     before = counts.compiled + counts.loaded
     pipeline.process(night.left, night.right)
     assert counts.compiled + counts.loaded == before
+
+
+def test_under_lamps_ranges_of_ones_own_tell_attenuation_but_no_depth() -> None:
+    shown = lamp_scene.render(0.15)
+    config = PipelineConfig.from_parameters(lamp_scene.parameters())
+    disparity = lamp_scene.RIG.disparity_from_range(shown.range)
+    found = estimate_water(shown.image, disparity, lamp_scene.RIG, config)
+    assert found.status is Status.OK
+    error = found.water.attenuation - shown.attenuation
+    assert (np.abs(error) < 3 * found.water.attenuation_stddev).all()
+    assert np.isfinite(found.visibility.distance)
+    assert found.visibility.depth_status is Status.NO_DEPTH_BY_LAMPS
+    assert not np.isfinite(found.visibility.depth)
