@@ -53,6 +53,8 @@ def test_what_is_no_image_is_refused_by_name(tmp_path: Path) -> None:
     for name in ("absent.png", "empty.png", "text.png", "float.tiff", "."):
         with pytest.raises(InputError, match=str(tmp_path / name)):
             read_image(tmp_path / name)
+    with pytest.raises(InputError, match=r"\(it has values of float32, not of 8 or 16 bit\): give"):
+        read_image(tmp_path / "float.tiff")
 
 
 @pytest.mark.parametrize("name", ["image.png", "image.jpg"])

@@ -102,7 +102,7 @@ def decode(data: bytes) -> NDArray[Any]:
     if image is None or image.shape[:2] != (height, width):
         raise InputError("it is damaged, and cannot be decoded")
     if image.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"it has type {image.dtype}: give 8 or 16 bit per channel")
+        raise InputError(f"it has values of {image.dtype}, not of 8 or 16 bit")
     return image
 
 

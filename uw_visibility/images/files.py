@@ -31,7 +31,7 @@ def read_image(path: str | Path) -> Image:
         image = decode(content)
     except InputError as error:
         raise InputError(
-            f"{path} is not a readable image, {error}: give a complete PNG, JPEG or TIFF file"
+            f"{path} is no image that can be read ({error}): give a complete PNG, JPEG or TIFF file"
         ) from error
     if image.ndim == 3:
         image = image[:, :, 2::-1]

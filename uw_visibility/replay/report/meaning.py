@@ -51,7 +51,7 @@ MEANINGS: dict[str, str] = {
 }
 
 REMEDIES: dict[str, str] = {
-    Status.NO_COLOUR: "Publish colour images: a Bayer pattern or rgb8 instead of mono8.",
+    Status.NO_COLOUR: "Give colour images; as a topic a Bayer pattern or rgb8 instead of mono8.",
     Status.TOO_FEW_SUPPORT_POINTS: "Go closer to the scene, or check focus and calibration: rows "
     "of a rectified pair must correspond.",
     Status.TOO_FEW_OBSERVATIONS: "Show more of the scene and less open water; check the "
