@@ -57,6 +57,14 @@ def test_json_and_yaml_say_the_same(tmp_path: Path) -> None:
     assert read_rig(write_pair(tmp_path)) == (rig, size)
 
 
+def test_a_file_of_opencv_is_named_as_such(tmp_path: Path) -> None:
+    """As its stereo calibration writes P1 and P2."""
+    path = tmp_path / "extrinsics.yml"
+    path.write_text("%YAML:1.0\n---\nP1: !!opencv-matrix\n   rows: 3\n   cols: 4\n   dt: d\n")
+    with pytest.raises(InputError, match=r"extrinsics\.yml .*OpenCV's FileStorage.* JSON file"):
+        read_rig([path])
+
+
 def test_the_size_is_unknown_where_json_does_not_state_it(tmp_path: Path) -> None:
     assert read_rig([write(tmp_path / "pair.json", {"P1": P1, "P2": P2})])[1] is None
 

@@ -44,6 +44,10 @@ def parse_yaml(text: str) -> Any:
     Raises `InputError` if it is not YAML, is nested deeper than `DEEPEST`, repeats a key, refers to
     another part of itself, or holds an integer beyond 64 bit or a number that is too long.
     """
+    if text.startswith("%YAML:"):
+        raise InputError(
+            "it is of OpenCV's FileStorage, which other parsers do not read: write its numbers to "
+            "a JSON file")
     # Imported here, since --help does not need it.
     import yaml
 
