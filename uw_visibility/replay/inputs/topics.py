@@ -148,11 +148,11 @@ def _find_pair(
     if wanted.right is not None and wanted.left is None:
         raise InputError("--right is given without --left: give both")
     if wanted.left is not None:
+        check_topic(channels, wanted.left, (IMAGE, COMPRESSED))
         right = wanted.right or _right_of(channels, wanted.left)
         if right is None:
             raise InputError(f"no right image belongs to {wanted.left} by its name: give --right")
-        for topic in (wanted.left, right):
-            check_topic(channels, topic, (IMAGE, COMPRESSED))
+        check_topic(channels, right, (IMAGE, COMPRESSED))
         return wanted.left, right
     candidates = [
         (topic, other)
