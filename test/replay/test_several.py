@@ -31,7 +31,7 @@ def test_the_list_shows_what_would_be_used(
 ) -> None:
     assert main(["replay", str(transect), "--list"]) == 0
     text = capsys.readouterr().out
-    assert "ROS 2, 1 files, 2.5 s" in text
+    assert "ROS 2, 1 file, 2.5 s" in text
     used = text.partition("would be used:")[2]
     assert "/left/image_rect" in used
     assert "/depth_sensor" in used

@@ -245,12 +245,13 @@ def _list(bag: Path, options: ReplayOptions, source: Place) -> None:
     from uw_visibility.replay.bags.reader import BagReader
     from uw_visibility.replay.inputs.options import without_lacking
     from uw_visibility.replay.inputs.topics import find_topics, is_raw
+    from uw_visibility.replay.report.sentences import amount
 
     with BagReader(bag) as reader:
         span = reader.span
         length = "" if span is None else f", {(span[1] - span[0]) / 1e9:.1f} s"
         kind = "ROS 1" if reader.ros1 else "ROS 2"
-        say(f"{source}: {kind}, {len(reader.files)} files{length}")
+        say(f"{source}: {kind}, {amount(len(reader.files), 'file')}{length}")
         for note in reader.damage:
             say(f"  damaged: {note}")
         width = max(len(topic) for topic in reader.channels)
