@@ -118,6 +118,14 @@ def pytest_configure_node(node: Any) -> None:
     node.workerinput["turns"] = stash[TURNS].name
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out what `make test` would import in each worker only to deselect it."""
+    if "not long" not in config.option.markexpr:
+        return None
+    name = str(collection_path.relative_to(HERE)) + "/" * collection_path.is_dir()
+    return True if name.startswith(LONG) else None
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mark as `node` what starts nodes through the fixtures that do, and what takes long.
 
