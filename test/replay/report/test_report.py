@@ -26,6 +26,7 @@ from uw_visibility.replay import progress
 from uw_visibility.replay.bags.reader import BagReader
 from uw_visibility.replay.columns import COLUMNS, Column
 from uw_visibility.replay.inputs.sensors import ScalarTopic
+from uw_visibility.replay.report import figures
 from uw_visibility.replay.report.figures import MOST_POINTS, draw_series
 from uw_visibility.replay.report.gallery import ColourScale
 from uw_visibility.replay.report.meaning import MEANINGS, REMEDIES, meaning
@@ -248,22 +249,34 @@ def test_frames_that_are_all_unusable_are_exit_code_1_with_the_reason(
     assert "too dark" in Page(tmp_path / "out" / "report.html").text
 
 
-@pytest.mark.parametrize("count", [1, MOST_POINTS + 1])
-def test_the_series_is_drawn_whatever_is_known(count: int) -> None:
-    columns = {name: np.full(count, np.nan) for name in COLUMNS}
-    columns["stamp"] = 1.7e9 + np.arange(count)
+@pytest.fixture
+def visibility_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw the first of the figures over time alone."""
+    monkeypatch.setattr(figures, "QUANTITIES", figures.QUANTITIES[:1])
+
+
+def test_the_series_is_drawn_whatever_is_known() -> None:
+    columns = {name: np.full(1, np.nan) for name in COLUMNS} | {"stamp": np.array([1.7e9])}
     drawn = draw_series(columns)
     assert [each.title.partition(" ")[0] for each in drawn] == ["Visibility", "Mean", "Depth"]
     assert all("not assessable</text>" in each.drawing for each in drawn)
-    columns |= {name: np.linspace(1.0, 2.0, count) for name in COLUMNS if name != "stamp"}
+    columns |= {name: np.ones(1) for name in COLUMNS if name != "stamp"}
     drawn = draw_series(columns)
     assert len(drawn) == 4
     assert "not assessable" not in "".join(each.drawing for each in drawn)
-    # More frames than can be told apart: what a point is is told where one points at it.
-    assert drawn[0].together == (2 if count > MOST_POINTS else 1)
-    assert ("<title>median of 2 frames about" in drawn[0].drawing) == (count > MOST_POINTS)
-    # The same result has the same page.
-    assert count > 1 or drawn == draw_series(columns)
+    assert drawn[0].together == 1
+    assert "<title>median of" not in drawn[0].drawing
+
+
+def test_more_frames_than_can_be_told_apart_are_drawn_together(visibility_alone: None) -> None:
+    """What a point is is told where one points at it."""
+    count = MOST_POINTS + 1
+    columns = {name: np.linspace(1.0, 2.0, count) for name in COLUMNS}
+    columns["stamp"] = 1.7e9 + np.arange(count)
+    drawn = draw_series(columns)[0]
+    assert drawn.together == 2
+    assert "<title>median of 2 frames about" in drawn.drawing
+    assert "not assessable" not in drawn.drawing
 
 
 def test_progress_is_a_line_every_ten_seconds(
@@ -382,16 +395,17 @@ def test_a_track_at_the_pole_has_a_map() -> None:
     assert "longitude [°]" in draw_tracks({"": columns})[0]
 
 
-def test_no_axis_goes_above_the_surface() -> None:
+def test_no_axis_goes_above_the_surface(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(figures, "QUANTITIES", figures.QUANTITIES[2:])
     columns = {name: np.full(9, np.nan) for name in COLUMNS}
     columns["stamp"] = 1.7e9 + np.arange(9)
     columns["depth"], columns["depth_stddev"] = np.full(9, 1.3), np.full(9, 2.0)
-    drawn = draw_series(columns)[2].drawing
+    drawn = draw_series(columns)[0].drawing
     assert ">3</text>" in drawn
     assert ">−1</text>" not in drawn
 
 
-def test_the_band_of_the_filtered_values_is_within_the_axis() -> None:
+def test_the_band_of_the_filtered_values_is_within_the_axis(visibility_alone: None) -> None:
     columns = {name: np.full(9, np.nan) for name in COLUMNS}
     columns["stamp"], columns["frame"] = 1.7e9 + np.arange(9), np.arange(9.0)
     columns["filtered_visibility_distance"] = np.full(9, 4.0)
@@ -407,21 +421,22 @@ def test_a_figure_shows_clock_time_and_values_to_point_at() -> None:
     columns["visibility_distance_stddev"] = np.full(9, 0.5)
     columns["filtered_visibility_distance"] = np.full(9, 7.0)
     columns["filtered_visibility_distance_stddev"] = np.full(9, 0.25)
-    drawn = draw_series(columns)[0].drawing
+    every = draw_series(columns)
+    drawn = every[0].drawing
     for text in (">time (UTC)<", ">22:15<", ">2023-11-14<", ">filtered, ± 1 σ<"):
         assert text in drawn
     shown = "frame 2, 22:15:20 UTC; single frame 6.00 ± 0.50 m; filtered 7.00 ± 0.25 m"
     assert f"<title>{shown}</title>" in drawn
     assert "single frames: 9 of 9 known, from 5.00 to 9.00 m, median 7.00" in drawn
     # Nothing that two drawings of a page would both be called.
-    names = re.findall(r'\bid="([^"]*)"', "".join(each.drawing for each in draw_series(columns)))
+    names = re.findall(r'\bid="([^"]*)"', "".join(each.drawing for each in every))
     assert len(names) == len(set(names))
     used = re.findall(r'(?:href="|url\()#([^")]*)', drawn)
     assert used
     assert set(used) <= set(names)
 
 
-def test_times_are_within_the_drawing() -> None:
+def test_times_are_within_the_drawing(visibility_alone: None) -> None:
     for stamps in ([1.7e9], 1.7e9 + 0.5 * np.arange(5)):
         columns = {name: np.full(len(stamps), np.nan) for name in COLUMNS}
         columns["stamp"] = np.array(stamps)
@@ -487,8 +502,9 @@ def test_a_scale_bar_has_a_round_length(longest: float, length: float) -> None:
     assert round_length(longest) == pytest.approx(length)
 
 
-def test_a_recording_may_be_called_anything() -> None:
-    columns = {name: np.arange(3.0) for name in COLUMNS}
+def test_a_recording_may_be_called_anything(visibility_alone: None) -> None:
+    columns = {name: np.full(3, np.nan) for name in COLUMNS}
+    columns |= {name: np.arange(3.0) for name in ("x", "y", "visibility_distance")}
     name = "<b> $x_{ \x1b[31m"
     drawn = draw_tracks({name: columns, "other": columns})[0]
     assert "&lt;b&gt; $x_{ " in drawn
