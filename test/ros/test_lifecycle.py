@@ -7,8 +7,6 @@ from __future__ import annotations
 import os
 import random
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -145,7 +143,7 @@ def test_managed_node_that_crashed_goes_on_by_itself(
         # As respawn starts it: with the same arguments, at once.
         process = start_node(
             "-r", "__ns:=/crashed", "-p", "stereo.max_disparity:=40", "-p", "autostart:=true",
-            module="lifecycle", fresh=crash is None,
+            module="lifecycle",
         )
         client.connect(*parts)
         client.result(client.publish(*parts), "disparity")
@@ -202,14 +200,12 @@ def test_signal_after_clean_up(manage: Callable[[str], Managed], number: int) ->
     managed.end(number)
 
 
-def test_signal_while_a_worker_that_was_cleaned_up_still_compiles() -> None:
+def test_signal_while_a_worker_that_was_cleaned_up_still_compiles(
+    start_node: Callable[..., Any]
+) -> None:
     # Python's exit would wait for whatever runs in a pool of threads.
-    ended = subprocess.run(
-        [sys.executable, "-c", COMPILING], timeout=50, check=False, text=True, capture_output=True,
-        env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
-        cwd=Path(__file__).resolve().parents[2],
-    )
-    assert (ended.returncode, "Traceback" in ended.stderr) == (0, False), ended.stderr
+    node = start_node(code=COMPILING, ready=False)
+    assert (node.process.wait(50), "Traceback" in node.log) == (0, False), node.log
 
 
 def test_configuration_that_fails_leaves_nothing_behind(

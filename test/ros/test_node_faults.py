@@ -6,10 +6,6 @@ from __future__ import annotations
 
 import array
 import inspect
-import os
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -166,23 +162,22 @@ def test_subscriber_that_comes_and_goes(node: Any, client: Any, parts: Any) -> N
     assert "Traceback" not in node.log
 
 
-def test_publisher_that_is_killed_and_returns(node: Any, client: Any, parts: Any) -> None:
+def test_publisher_that_is_killed_and_returns(
+    start_node: Callable[..., Any], client: Any, parts: Any
+) -> None:
     for _ in range(2):
         start = client.next_stamp() + 1000
         client._seconds = start + 1000
         arguments = [inspect.getfile(type(client)), NAMESPACE, str(start)]
-        publisher = subprocess.Popen(
-            [sys.executable, "-c", PUBLISHER, *arguments], env=client.environment
+        publisher = start_node(
+            code=f"import sys; sys.argv[1:] = {arguments}\n{PUBLISHER}", ready=False).process
+        client.wait(
+            lambda s=start: any(s < m.header.stamp.sec < s + 900
+                                for m in list(client.received["disparity"])),
+            "an answer to the other publisher", timeout=40.0,
         )
-        try:
-            client.wait(
-                lambda s=start: any(s < m.header.stamp.sec < s + 900
-                                    for m in list(client.received["disparity"])),
-                "an answer to the other publisher", timeout=40.0,
-            )
-        finally:
-            os.kill(publisher.pid, signal.SIGKILL)
-            publisher.wait()
+        publisher.kill()
+        publisher.wait()
     good_frame(client, parts)
 
 

@@ -190,14 +190,3 @@ def test_change_that_no_image_of_the_size_in_use_allows_is_refused(
         result = change(client, **values)
         assert (result.successful, reason in result.reason) == (False, True), result.reason
     client.result(client.publish(*parts), "disparity")
-
-
-@pytest.mark.parametrize("value", ["camera.flat_field:=/none.png", "depth_frame:=''"])
-def test_node_does_not_start_with_what_cannot_work(
-    start_node: Callable[..., Any], value: str
-) -> None:
-    node = start_node("-p", value, ready=False)
-    assert node.process.wait(60) == 2
-    name = value.split(":=")[0]
-    assert node.log.startswith("uw_visibility: ") and name in node.log
-    assert "Traceback" not in node.log
