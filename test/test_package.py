@@ -7,6 +7,7 @@ from __future__ import annotations
 import ast
 import configparser
 import email
+import functools
 import importlib.metadata
 import importlib.util
 import re
@@ -111,16 +112,21 @@ def third_party(folder: Path) -> Iterator[tuple[str, str]]:
     """Yield (module of the package, top-level name imported) for what is not Python's own."""
     files = sorted(folder.rglob("*.py")) if folder.is_dir() else [folder]
     for file in files:
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            names: list[str] = []
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom) and node.level == 0:
-                names = [node.module or ""]
-            for name in names:
-                top = name.partition(".")[0]
-                if top not in sys.stdlib_module_names and top != PACKAGE.name:
-                    yield str(file.relative_to(ROOT)), top
+        for top in imported(file):
+            if top not in sys.stdlib_module_names and top != PACKAGE.name:
+                yield str(file.relative_to(ROOT)), top
+
+
+@functools.cache
+def imported(file: Path) -> list[str]:
+    """Return the top-level names that a module imports."""
+    names: list[str] = []
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            names.append(node.module or "")
+    return [name.partition(".")[0] for name in names]
 
 
 def setup_arguments() -> dict[str, Any]:

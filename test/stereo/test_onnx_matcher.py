@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import subprocess
 import sys
@@ -40,10 +41,15 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return shifts(tmp_path_factory.mktemp("model") / "shifts.onnx", MOST)
 
 
-@pytest.fixture(scope="module", params=VIEWS)
-def frame(request: pytest.FixtureRequest) -> RenderedFrame:
-    pose, water = VIEWS[request.param]
+@functools.cache
+def seen(view: str) -> RenderedFrame:
+    pose, water = VIEWS[view]
     return ReefView(CAMERA, pose=pose, water=water).frame()
+
+
+@pytest.fixture(params=VIEWS)
+def frame(request: pytest.FixtureRequest) -> RenderedFrame:
+    return seen(request.param)
 
 
 def config(model: Path, **told: Any) -> PipelineConfig:
@@ -90,7 +96,7 @@ def test_it_tells_of_the_same_water(model: Path, frame: RenderedFrame) -> None:
 
 
 def test_restored_images_and_a_single_run(model: Path) -> None:
-    frame = ReefView(CAMERA).frame()
+    frame = seen("ahead")
     for told in ({"network_images": "restored"}, {"network_check": False}):
         result = Pipeline(CAMERA.rig, config(model, **told)).process(frame.left, frame.right)
         assert correct(result.disparity, frame) > 0.7
@@ -98,7 +104,7 @@ def test_restored_images_and_a_single_run(model: Path) -> None:
 
 
 def test_grey_and_16_bit_images_and_reduction(model: Path) -> None:
-    frame = ReefView(CAMERA).frame()
+    frame = seen("ahead")
     for kind in ("grey", "deep", "small"):
         pair = [frame.left, frame.right]
         if kind == "grey":
@@ -172,7 +178,7 @@ def test_warming_up_compiles_the_built_in_parts(model: Path) -> None:
 
 def test_tiles_find_what_the_whole_does(model: Path, tmp_path: Path) -> None:
     tile = shifts(tmp_path / "tile.onnx", MOST, size=(90, 100))
-    frame = ReefView(CAMERA).frame()
+    frame = seen("ahead")
     whole, tiled = (
         Pipeline(CAMERA.rig, each).process(frame.left, frame.right).disparity
         for each in (config(model), config(tile, large_images="tiled")))

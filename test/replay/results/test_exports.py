@@ -354,10 +354,10 @@ def test_report_shows_derived_quantities_and_joined_topics(exported: Path) -> No
     ("/ctd.salinity", "/ctd has no number salinity"),
 ])
 def test_what_cannot_be_joined_is_one_sentence(
-    join: str, said: str, transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    join: str, said: str, exported: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bag = copy_bag(transect, tmp_path / "bag", edit=with_sensors)
-    done = run(bag, tmp_path / "out", "--join", *join.split(), capsys=capsys)
+    done = run(
+        exported.with_name("bag"), tmp_path / "out", "--join", *join.split(), capsys=capsys)
     assert done.code == 2
     assert said in done.err
     assert done.err.count("\n") == 1
