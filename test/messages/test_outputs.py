@@ -25,7 +25,6 @@ from uw_visibility.messages.outputs import (
     all_topics,
     each_message,
     enhanced_sides,
-    points,
 )
 from uw_visibility.pipeline.result import EnhancedImages, FrameResult, StereoResult
 from uw_visibility.status import Status
@@ -418,11 +417,13 @@ def test_depth_image_is_in_metres_and_agrees_with_the_disparity(make: MessageFac
     np.testing.assert_allclose(depth[valid], expected, rtol=1e-6)
 
 
-@pytest.mark.parametrize("kind", ["rgb8", "rgb16", "mono8"])
+@pytest.mark.parametrize("kind", ["rgb8", "rgb16", "mono8", "mono16"])
 def test_points_project_onto_their_pixels_and_have_their_colours(
     make: MessageFactory, kind: str
 ) -> None:
-    left = {"rgb8": LEFT, "rgb16": LEFT.astype(np.uint16) * 257, "mono8": LEFT[..., 1].copy()}[kind]
+    left = LEFT[..., 1].copy() if kind.startswith("mono") else LEFT
+    if kind.endswith("16"):
+        left = left.astype(np.uint16) * 256 + 255
     rig = replace(RIG, focal_length_y=300.0)
     messages = build(make, result(left=left, right=left), kind, rig=rig)
     cloud = messages["points2"]
@@ -440,7 +441,7 @@ def test_points_project_onto_their_pixels_and_have_their_colours(
     np.testing.assert_allclose(300 * y / z + rig.principal_point[1], rows, atol=1e-3)
     assert np.isnan(values[~np.isfinite(depth)][:, :3]).all()
     packed = np.frombuffer(cloud.data, np.uint32).reshape(HEIGHT, WIDTH, 4)[..., 3]
-    colour = LEFT if kind != "mono8" else np.dstack([LEFT[..., 1]] * 3)
+    colour = np.dstack([LEFT[..., 1]] * 3) if kind.startswith("mono") else LEFT
     for shift, channel in ((16, 0), (8, 1), (0, 2)):
         np.testing.assert_array_equal((packed >> shift) & 255, colour[..., channel])
     assert (packed >> 24 == 0).all()
@@ -468,12 +469,11 @@ MASKS = arrays(np.bool_, SHAPE)
 
 def source_of(
     disparity: np.ndarray, offset: float = 0.0, least: int = 0, valid: np.ndarray | None = None,
-    colours: np.ndarray = LEFT,
 ) -> Source:
     """Make messages without a class from what was matched."""
     rig = StereoRig(400.0, 0.12, (19.5, 1.5), (19.5 - offset, 1.5))
     pair = StereoPair(LEFT, RIGHT, rig, valid, (0, 0, WIDTH, HEIGHT), ("rgb8", "rgb8"))
-    found = result(disparity=disparity, min_disparity=least, left=colours)
+    found = result(disparity=disparity, min_disparity=least)
     return Source(lambda name, /, **fields: SimpleNamespace(**fields), frame(), pair, found, CONFIG)
 
 
@@ -501,24 +501,3 @@ def test_depth_is_that_of_the_published_disparity(disparity: np.ndarray, least: 
     kept = published >= np.float32(low)
     assert np.isnan(source.depth[~kept]).all()
     np.testing.assert_allclose(source.depth[kept] * published[kept], 400.0 * 0.12, rtol=1e-6)
-
-
-@pytest.mark.parametrize(("dtype", "channels"), [
-    (np.uint8, 3), (np.uint16, 3), (np.uint8, 1), (np.uint16, 1),
-])
-def test_cloud_has_each_pixel_s_place_and_colour(dtype: type, channels: int) -> None:
-    generator = np.random.default_rng(3)
-    disparity = generator.uniform(5, 30, SHAPE).astype(np.float32)
-    disparity[0, 0] = np.nan
-    shape = SHAPE if channels == 1 else (*SHAPE, channels)
-    colours = generator.integers(0, np.iinfo(dtype).max, shape, dtype, endpoint=True)
-    source = source_of(disparity, colours=colours)
-    cloud = points(source).data.view(np.float32).reshape(*SHAPE, 4)
-    columns, rows = (np.arange(7) - 19.5) / 400.0, (np.arange(4) - 1.5) / 400.0
-    np.testing.assert_array_equal(cloud[..., 0], source.depth * columns.astype(np.float32))
-    np.testing.assert_array_equal(cloud[..., 1], source.depth * rows.astype(np.float32)[:, None])
-    np.testing.assert_array_equal(cloud[..., 2], source.depth)
-    rgb = colours.reshape(*SHAPE, channels) >> (8 * np.dtype(dtype).itemsize - 8)
-    red, green, blue = np.moveaxis(np.broadcast_to(rgb, (*SHAPE, 3)).astype(np.uint32), -1, 0)
-    packed = np.ascontiguousarray(cloud[..., 3]).view(np.uint32)
-    np.testing.assert_array_equal(packed, red << 16 | green << 8 | blue)
