@@ -145,11 +145,11 @@ def turned(image: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(image.transpose(1, 0, 2))
 
 
-def test_rows_that_do_not_correspond_tell_no_water() -> None:
-    camera = StereoCamera(480, 360, 450.0, 0.12)
-    seen = ReefView(camera, water=Water(0.2, 3.0)).frame()
-    left, right = turned(seen.left), turned(seen.right)
-    rig = StereoRig(450.0, 0.12, ((left.shape[1] - 1) / 2, (left.shape[0] - 1) / 2))
+def test_rows_that_do_not_correspond_tell_no_water(frame: RenderedFrame) -> None:
+    left, right = turned(frame.left), turned(frame.right)
+    rig = StereoRig(
+        CAMERA.focal_length, CAMERA.baseline,
+        ((left.shape[1] - 1) / 2, (left.shape[0] - 1) / 2))
     result = Pipeline(rig).process(left, right)
     # Chance matches some of them.
     assert result.stereo.support_points >= 10
