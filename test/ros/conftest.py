@@ -111,10 +111,16 @@ EXECUTABLES = {"node": "node", "lifecycle": "lifecycle_node"}
 
 @functools.cache
 def with_modules() -> Prepared:
-    """A process that has imported what the nodes do but ROS, which starts threads."""
+    """A process that has imported what the nodes do but ROS, and has loaded their kernels.
+
+    ROS starts threads, and so does OpenCV where it may.
+    """
     return Prepared(
-        "import uw_visibility.messages.estimates, uw_visibility.messages.processor\n"
-        "import numba\nnumba.njit(lambda x: x + 1)(3)\n",
+        "import cv2\nfrom uw_visibility.config.schema import PipelineConfig\n"
+        "from uw_visibility.messages import estimates, processor\n"
+        "cv2.setNumThreads(1)\n"
+        "processor.warm_up(PipelineConfig.from_parameters({'threads': 1}))\n"
+        "cv2.setNumThreads(-1)\n",
         # As the current folder is for who starts `python -m`.
         ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(
             filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))},
@@ -125,7 +131,7 @@ class NodeProcess:
     """The real node.
 
     A fresh one is started as a user would start it; others begin where all modules are
-    imported.
+    imported, and kernels are loaded.
     """
 
     def __init__(
