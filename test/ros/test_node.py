@@ -33,13 +33,9 @@ def node(start_node: Callable[..., Any]) -> Any:
 
 
 @pytest.fixture(scope="module")
-def client(
-    node: Any, make_client: Callable[..., Any], scene: Any, image: Any, info: Any
-) -> Any:
+def client(node: Any, make_client: Callable[..., Any], parts: Any) -> Any:
     client = make_client()
-    client.connect(
-        image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right")
-    )
+    client.connect(*parts)
     return client
 
 
@@ -136,11 +132,9 @@ def to_encoding(pixels: np.ndarray, encoding: str) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def attenuation(client: Any, scene: Any, image: Any, info: Any) -> np.ndarray:
+def attenuation(client: Any, parts: Any) -> np.ndarray:
     """Return what the node finds of the scene in rgb8."""
-    stamp = client.publish(
-        image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right")
-    )
+    stamp = client.publish(*parts)
     return vector(client.result(stamp, "visibility/raw/attenuation")[0])
 
 
@@ -152,8 +146,8 @@ def vector(message: Any) -> np.ndarray:
     ("bgra8", "bgr8"), ("bgr16", "bgr16"), ("mono8", "mono8"), ("bayer_gbrg16", "rgb16"),
 ])
 def test_encodings_of_one_scene(
-    client: Any, scene: Any, image: Any, info: Any, attenuation: np.ndarray, encoding: str,
-    enhanced: str,
+    client: Any, scene: Any, image: Any, info: Any, parts: Any, attenuation: np.ndarray,
+    encoding: str, enhanced: str,
 ) -> None:
     images = [
         image(to_encoding(p, encoding), encoding, is_bigendian=int(encoding.endswith("16")))
@@ -169,10 +163,7 @@ def test_encodings_of_one_scene(
     if "mono" in encoding:
         # What grey cannot tell is not published but for what frames before it told,
         # and nothing of it is late.
-        good = client.publish(
-            image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right")
-        )
-        client.result(good, *STAMPED)
+        client.result(client.publish(*parts), *STAMPED)
         raw = [topic for topic in STAMPED if topic.startswith("visibility/raw/")]
         assert not any(client.has(topic, stamp) for topic in raw)
     elif "bayer" not in encoding and "16" not in encoding:
@@ -250,15 +241,12 @@ BAD_INPUTS: dict[str, tuple[Callable[..., tuple[Any, Any, Any, Any]], str]] = {
 
 @pytest.mark.parametrize("case", BAD_INPUTS)
 def test_bad_frame_is_dropped_with_its_reason_and_the_next_is_processed(
-    node: Any, client: Any, scene: Any, image: Any, info: Any, case: str
+    node: Any, client: Any, scene: Any, image: Any, info: Any, parts: Any, case: str
 ) -> None:
     make, reason = BAD_INPUTS[case]
     bad = client.publish(*make(scene, image, info))
     node.wait_for(reason)
-    good = client.publish(
-        image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right")
-    )
-    client.result(good, *STAMPED)
+    client.result(client.publish(*parts), *STAMPED)
     assert not any(client.has(topic, bad) for topic in STAMPED)
     assert "Traceback" not in node.log
 
@@ -285,11 +273,10 @@ def test_signal_ends_the_node_soon_and_quietly(
 
 
 def test_signal_ends_a_busy_node_soon(
-    start_node: Callable[..., Any], make_client: Any, scene: Any, image: Any, info: Any
+    start_node: Callable[..., Any], make_client: Any, parts: Any
 ) -> None:
     node = start_node("-r", "__ns:=/busy")
     client = make_client(namespace="/busy")
-    parts = (image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right"))
     client.connect(*parts)
     for _ in range(5):
         client.publish(*parts)

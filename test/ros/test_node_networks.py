@@ -25,8 +25,7 @@ NAMESPACE = "/networks"
 
 
 def test_the_built_in_matcher_stands_in_for_a_network_that_fails(
-    start_node: Callable[..., Any], make_client: Callable[..., Any], scene: Any, image: Any,
-    info: Any, tmp_path: Path,
+    start_node: Callable[..., Any], make_client: Callable[..., Any], parts: Any, tmp_path: Path
 ) -> None:
     bad = save(tmp_path / "bad.onnx", [
         helper.make_node("ReduceMean", ["left"], ["mean"], axes=[1]),
@@ -36,7 +35,6 @@ def test_the_built_in_matcher_stands_in_for_a_network_that_fails(
     start_node(
         "-r", f"__ns:={NAMESPACE}", "-p", "stereo.max_disparity:=40",
         "-p", "stereo.matcher:=onnx", "-p", f"stereo.model:={bad}")
-    parts = image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right")
     client = make_client(namespace=NAMESPACE)
     # It publishes pairs until one is answered.
     client.connect(*parts)

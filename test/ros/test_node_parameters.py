@@ -159,10 +159,7 @@ def test_changes_that_are_not_atomic_are_judged_one_by_one(client: Any) -> None:
     assert get(client, *values) == [0.04, "linear", 25.0]
 
 
-def test_change_holds_from_the_next_frame(
-    client: Any, scene: Any, image: Any, info: Any
-) -> None:
-    parts = (image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right"))
+def test_change_holds_from_the_next_frame(client: Any, parts: Any) -> None:
     client.connect(*parts)
     assert change(client, max_range=100.0, assessment__contrast=0.05).successful
     before = client.result(client.publish(*parts), "visibility/distance")[0]
@@ -176,9 +173,8 @@ def test_change_holds_from_the_next_frame(
 
 
 def test_change_that_no_image_of_the_size_in_use_allows_is_refused(
-    client: Any, scene: Any, image: Any, info: Any, tmp_path: Path
+    client: Any, parts: Any, tmp_path: Path
 ) -> None:
-    parts = (image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right"))
     client.result(client.publish(*parts), "disparity")
     field = tmp_path / "flat.png"
     cv2.imwrite(str(field), np.full((100, 100, 3), 200, np.uint8))

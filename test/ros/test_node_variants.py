@@ -144,12 +144,10 @@ def test_without_a_sensor_plausibility_is_switched_off(client: Any) -> None:
 
 
 def test_lazy_node_rests_until_somebody_wants_a_result(
-    start_node: Callable[..., Any], make_client: Callable[..., Any], scene: Any, image: Any,
-    info: Any,
+    start_node: Callable[..., Any], make_client: Callable[..., Any], parts: Any
 ) -> None:
     node = start_node("-r", "__ns:=/lazy", "-p", "lazy:=true", "-p", "stereo.max_disparity:=40")
     client = make_client(namespace="/lazy")
-    parts = (image(scene.left, "rgb8"), image(scene.right, "rgb8"), info("left"), info("right"))
     # It hears this client, which wants everything.
     client.connect(*parts)
     begun = len(node.log)
