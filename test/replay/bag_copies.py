@@ -112,6 +112,15 @@ def compressed(messages: Iterator[Message]) -> Iterator[Message]:
         yield topic, kind, message, time
 
 
+def fix(beside: Message, latitude: float, longitude: float) -> Message:
+    """A GPS fix with the header of another message."""
+    types = get_typestore(Stores.ROS2_JAZZY).types
+    return "/fix", "sensor_msgs/msg/NavSatFix", types["sensor_msgs/msg/NavSatFix"](
+        header=beside[2].header, status=types["sensor_msgs/msg/NavSatStatus"](status=0, service=1),
+        latitude=latitude, longitude=longitude, altitude=0.0, position_covariance=np.zeros(9),
+        position_covariance_type=0), beside[3]
+
+
 def disturbed(messages: Iterator[Message]) -> Iterator[Message]:
     """Let the sensor run late, a pair be black, the clock be set back, and a pair show a wall."""
     frame = -1

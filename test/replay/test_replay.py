@@ -25,6 +25,7 @@ from bag_copies import (
     Message,
     compressed,
     copy_bag,
+    fix,
     messages_of,
     parameter_file,
     run,
@@ -266,18 +267,11 @@ def test_nothing_is_overwritten_unless_told(
 
 
 def test_pictures_video_and_map_on_request(transect: Path, tmp_path: Path) -> None:
-    types = get_typestore(Stores.ROS2_JAZZY).types
-
     def with_fix(messages: Iterator[Message]) -> Iterator[Message]:
         for message in messages:
             yield message
             if message[0] == "/depth_sensor":
-                yield "/fix", "sensor_msgs/msg/NavSatFix", types["sensor_msgs/msg/NavSatFix"](
-                    header=message[2].header,
-                    status=types["sensor_msgs/msg/NavSatStatus"](status=0, service=1),
-                    latitude=59.5, longitude=10.5, altitude=0.0,
-                    position_covariance=np.zeros(9), position_covariance_type=0,
-                ), message[3]
+                yield fix(message, 59.5, 10.5)
 
     bag = copy_bag(transect, tmp_path / "bag", edit=with_fix)
     out = tmp_path / "out"

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bag_copies import FRAMES, Message, copy_bag, copy_bag_ros1, run
+from bag_copies import FRAMES, Message, copy_bag, copy_bag_ros1, fix, run
 from rosbags.typesys import Stores, get_typestore
 
 from uw_visibility.messages.stamps import iso_time, seconds
@@ -47,12 +47,7 @@ def with_sensors(messages: Iterator[Message]) -> Iterator[Message]:
         yield "/c", "std_msgs/msg/Float32", types["std_msgs/msg/Float32"](
             data=0.2 + 0.02 * frame), time
         if frame < LAST_FIX:
-            yield "/fix", "sensor_msgs/msg/NavSatFix", types["sensor_msgs/msg/NavSatFix"](
-                header=header,
-                status=types["sensor_msgs/msg/NavSatStatus"](status=0, service=1),
-                latitude=59.5, longitude=10.5 + 1e-5 * frame, altitude=0.0,
-                position_covariance=np.zeros(9), position_covariance_type=0,
-            ), time
+            yield fix(message, 59.5, 10.5 + 1e-5 * frame)
         frame += 1
 
 
