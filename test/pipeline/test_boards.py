@@ -38,6 +38,20 @@ def test_boards_are_flat(shared_data, name, codes, least):
     assert np.mean(correct) >= least, correct
 
 
+@pytest.mark.parametrize(("name", "left", "right"), [
+    ("bermuda", "08", "04"), ("bermuda", "10", "25"), ("bermuda", "17", "04"),
+])
+def test_images_of_different_times_tell_no_water(shared_data, name, left, right):
+    """As of cameras that are not triggered together: many of the chance matches are consistent."""
+    folder = shared_data / "underwater" / name
+    rig, _ = read_rig([folder / "calibration.json"])
+    pair = [read_image(folder / f"{side}.png") for side in (f"left_{left}", f"right_{right}")]
+    result = Pipeline(rig).process(*pair, enhance=())
+    assert result.status is Status.TOO_FEW_SUPPORT_POINTS
+    assert result.stereo.support_points > 100
+    assert np.isnan(result.water.attenuation).all()
+
+
 @pytest.mark.parametrize(("name", "number"), [("bermuda", "25"), ("tank", "05")])
 def test_a_board_by_day_is_not_taken_for_one_by_lamps(shared_data, name, number):
     folder = shared_data / "underwater" / name

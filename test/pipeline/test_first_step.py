@@ -158,8 +158,22 @@ def test_rows_that_do_not_correspond_tell_no_water(frame: RenderedFrame) -> None
     assert np.isnan(result.water.attenuation).all()
 
 
+def test_piles_in_open_water_are_not_matched_by_chance() -> None:
+    """They look alike in all rows."""
+    random = np.random.default_rng(0)
+    row = np.full((700, 3), 90.0)
+    for start in (150, 350, 530):
+        row[start:start + 40] += random.normal(0.0, 30.0, (40, 1))
+    left, right = (
+        np.clip(row[start:start + 644] + random.normal(0.0, 1.0, (362, 644, 3)), 0, 255)
+        for start in (0, 20))
+    coarse = coarse_estimate(left.astype(np.uint8), right.astype(np.uint8))
+    assert not coarse.by_chance
+    assert np.median(coarse.points[:, 2]) == pytest.approx(20.0, abs=0.5)
+
+
 @pytest.mark.parametrize("noise", [0.0, 2.0])
-@pytest.mark.parametrize("rows", [-3, -1, 1, 3])
+@pytest.mark.parametrize("rows", [-3, -1, 1, 3, 6])
 def test_a_pair_whose_calibration_is_off_by_rows_is_refused(
     frame: RenderedFrame, rows: int, noise: float
 ) -> None:

@@ -9,6 +9,7 @@ images. The water is estimated from the images at full size.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,7 @@ from uw_visibility.images.view import StereoViews, View
 from uw_visibility.pipeline.result import StageClock
 from uw_visibility.status import Status
 from uw_visibility.stereo.contrast import ContrastNormalizer
-from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS, SPARSE, SupportPoints
+from uw_visibility.stereo.elas import FEWEST_SUPPORT_POINTS, SupportPoints
 from uw_visibility.stereo.matchers import MATCHER, MATCHERS, disparity_limits
 from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.stereo.radiometry import right_gain
@@ -37,17 +38,20 @@ from uw_visibility.water.lamps.estimation import LampEstimator
 _LEAST_WIDTH = 300
 # Least number of disparities of the reduced images.
 _FEWEST_DISPARITIES = 24
-# Left and right are exchanged if exchanging them multiplies the matches by more than this.
-_EXCHANGED_RATIO = 1.5
+# Left and right are exchanged if more than this ratio of the consistent matches, in place or by
+# chance, is found with them swapped. It is 2.2 to 120 for exchanged pairs, and below 1.8 for 98 %
+# of pairs of different images or with noise on one side.
+_EXCHANGED_RATIO = 2.0
 # Rows of the images do not correspond if more than this ratio of the matches is found with one
 # image moved by so many rows, px. It is 0.3 to 1.0 for real, rendered and Middlebury pairs in clear
 # and turbid water and in noise, 0.6 to 1.3 with rows 1 px apart, mostly 1.3 to 3 with 2 px.
 _MOVED_RATIO, _ROWS_APART = 1.3, 2
-# Support points are by chance (rows do not correspond, or there is only noise) if exchanging gives
-# more than `_CHANCE_RATIO` of the matches, and they cover less than `SPARSE` of the grid. That
-# ratio is 0.1 to 0.6 for rendered, real and Middlebury pairs in clear and turbid water with noise,
-# and 0.7 to 1.5 for pairs with rows 3 px or more apart, transposed, or of different scenes.
-_CHANCE_RATIO = 0.7
+# Support points that cover less than `_SPARSE` of the grid are by chance if as many are consistent
+# in wrong places: with images swapped, and with one moved by `_OTHER_ROWS`, px of the reduced
+# image. The geometric mean of both ratios is below 0.5 for real, rendered and Middlebury pairs of
+# which most matches are right, also of piles and poles, which match in all rows. It is above for
+# 99 % of pairs of different images; these cover at most 0.22 of the grid.
+_CHANCE_RATIO, _OTHER_ROWS, _SPARSE = 0.5, 12, 0.25
 # Standard deviation of a disparity between the mesh's points, px.
 _MESH_DEVIATION = 1.0
 
@@ -176,7 +180,8 @@ class FirstStep:
         Exchanged images still have some matches, but all results would be wrong. Returns whether
         the support points are few and count as matches by chance.
         """
-        if len(support) < FEWEST_SUPPORT_POINTS:
+        useless = len(support) < FEWEST_SUPPORT_POINTS
+        if useless:
             for side, image in (("left", left), ("right", right)):
                 reason = exposure_status(image)
                 if reason is not Status.OK:
@@ -185,18 +190,25 @@ class FirstStep:
             raise InputError(
                 "left and right image are one and the same: give each side the images of its own "
                 "camera")
-        ratio = self._matcher.swapped_ratio()
-        if ratio > _EXCHANGED_RATIO:
+        grid = left.shape[0] * left.shape[1] / self._support_step**2
+        sparse = len(support) < _SPARSE * grid
+        swapped = elsewhere = 0.0
+        if sparse:
+            swapped = self._matcher.swapped_ratio()
+            elsewhere = self._matcher.moved_ratio(_OTHER_ROWS, consistent=True)
+        least = max(elsewhere, 1.0)
+        if swapped > _EXCHANGED_RATIO * least:
             raise InputError(
                 "the images match with negative disparities only: exchange left and right")
         rows = max(_ROWS_APART // self._pyramid.factor, 1)
-        if self._matcher.moved_ratio(rows) > _MOVED_RATIO:
+        if not useless and (
+            self._matcher.moved_ratio(rows, consistent=sparse) > _MOVED_RATIO * least
+        ):
             raise InputError(
                 "rows of the left and right image do not correspond: more pixels match with one "
                 f"image moved by {rows * self._pyramid.factor} px. Calibrate the pair again, or "
                 "rectify it")
-        grid = left.shape[0] * left.shape[1] / self._support_step**2
-        return ratio > _CHANCE_RATIO and len(support) < SPARSE * grid
+        return math.sqrt(swapped * elsewhere) > _CHANCE_RATIO
 
 
 def reduction_factor(shape: tuple[int, int], config: PipelineConfig) -> int:

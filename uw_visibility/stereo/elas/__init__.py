@@ -3,6 +3,6 @@
 """ELAS, implemented from its publication (Geiger, Roser and Urtasun, ACCV 2010)."""
 
 from uw_visibility.stereo.elas.matcher import DenseMatch, Matcher
-from uw_visibility.stereo.elas.support import FEWEST_SUPPORT_POINTS, SPARSE, SupportPoints
+from uw_visibility.stereo.elas.support import FEWEST_SUPPORT_POINTS, SupportPoints
 
-__all__ = ["FEWEST_SUPPORT_POINTS", "SPARSE", "DenseMatch", "Matcher", "SupportPoints"]
+__all__ = ["FEWEST_SUPPORT_POINTS", "DenseMatch", "Matcher", "SupportPoints"]

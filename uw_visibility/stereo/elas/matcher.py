@@ -149,17 +149,19 @@ class Matcher:
         return self._support.search(*self._descriptors, noise, earlier)
 
     def swapped_ratio(self) -> float:
-        """Matches of the described pair with its images swapped, over those in order."""
-        return self._support.ratio(*self._descriptors[::-1])
+        """Consistent matches of the described pair with its images swapped, over those in order."""
+        return self._support.ratio(*self._descriptors[::-1], consistent=True)
 
-    def moved_ratio(self, rows: int) -> float:
+    def moved_ratio(self, rows: int, *, consistent: bool) -> float:
         """Matches of the described pair with one image moved by rows, over those in place.
 
-        That of the direction in which more match.
+        That of the direction in which more match; `consistent`: see `SupportGrid.ratio`.
         """
         left, right = self._descriptors
         moved = rows * self._shape[1] * BYTES
-        return max(self._support.ratio(left, np.roll(right, by)) for by in (-moved, moved))
+        return max(
+            self._support.ratio(left, np.roll(right, by), consistent=consistent)
+            for by in (-moved, moved))
 
     def coarse_disparity(self, support: SupportPoints) -> DisparityMap:
         """Return the mesh of the support points as an image, px; NaN outside the mesh."""

@@ -24,8 +24,6 @@ from uw_visibility.stereo.elas.evidence import MEAN_OF_NORMAL
 
 FEWEST_SUPPORT_POINTS = 10
 """Least number of support points for a useful mesh."""
-SPARSE = 0.05
-"""Part of the grid below which matches may be by chance, even if neighbours agree."""
 
 # Half side of the square at whose four corners a support point is compared, px: with the
 # descriptors' own, the window is 9 x 9 pixels.
@@ -35,8 +33,6 @@ SAME_MINIMUM = 1
 _HUGE = np.int32(1 << 30)
 # Every eighth row of the grid is searched to find swapped or shifted images.
 _ORDER_STRIDE = 8
-# Least part of the grid points that match, for that search in some rows only.
-_FEW = 0.1
 # Standard deviation of a support disparity, px, times the curvature of its cost.
 _COST_NOISE = np.float32(60.0)
 # Least texture over that of noise alone: less is hardly ever from the scene.
@@ -85,26 +81,22 @@ class SupportGrid:
         self._vertices = np.empty((rows, columns), np.bool_)
         self._texture = np.full((rows, columns), config.support_texture, np.int32)
 
-    def ratio(self, left: Image8, right: Image8) -> float:
+    def ratio(self, left: Image8, right: Image8, *, consistent: bool) -> float:
         """Matches of other descriptors over those of the last `search`.
 
-        Ten are added to both, so that a few chance matches do not count. Only every eighth row of
-        the grid is searched, unless few points match, which takes all rows. Then the others are
-        more, a ratio above 1, only if enough of them agree with their neighbours: noise finds more
-        matches in a picture than the picture in noise.
+        Ten are added to both, so that a few chance matches do not count. Every eighth row of the
+        grid is searched, or all, for the matches that are `consistent` with their neighbours.
         """
-        few = np.count_nonzero(self._found >= 0) < _FEW * self._found.size
-        stride = 1 if few else _ORDER_STRIDE
+        stride = 1 if consistent else _ORDER_STRIDE
         rows = -(-self._found.shape[0] // stride)
         others = np.empty((2, rows, self._found.shape[1]), np.float32)
         self._match(rows, stride, left, right, _NOWHERE, *others)
-        found = np.count_nonzero(self._found[::stride] >= 0)
-        ratio = float((np.count_nonzero(others[0] >= 0) + 10) / (found + 10))
-        if few and ratio > 1.0:
+        found = self._found[::stride]
+        if consistent:
+            found = self._kept
             self._keep_consistent(*others)
-            if np.count_nonzero(others[1] >= 0) < SPARSE * others[1].size:
-                return 1.0
-        return ratio
+        kept = np.count_nonzero(others[int(consistent)] >= 0)
+        return float((kept + 10) / (np.count_nonzero(found >= 0) + 10))
 
     def search(
         self,
