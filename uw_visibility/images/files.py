@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import io
 import warnings
 from contextlib import suppress
 from pathlib import Path
@@ -45,10 +44,11 @@ def is_turned(path: str | Path) -> bool:
     """
     from PIL import ExifTags, Image
 
-    content = read_regular(path, MOST_BYTES, "image")
     # Damage of the EXIF is told by warnings.
-    with warnings.catch_warnings(action="ignore"), suppress(OSError, SyntaxError, ValueError):
-        image = Image.open(io.BytesIO(content), formats=["JPEG"])
+    with (
+        warnings.catch_warnings(action="ignore"), suppress(OSError, SyntaxError, ValueError),
+        Image.open(path, formats=["JPEG"]) as image,
+    ):
         return image.getexif().get(ExifTags.Base.Orientation) in range(2, 9)
     return False
 
