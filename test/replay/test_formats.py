@@ -76,7 +76,7 @@ def test_every_form_holds_the_same_messages(form: str, transect: Path, tmp_path:
     assert contents(FORMS[form](transect, tmp_path / "copy")) == contents(transect)
 
 
-@pytest.mark.parametrize("form", ["ROS 1", "split"])
+@pytest.mark.parametrize("form", ["sqlite", "ROS 1", "split"])
 def test_every_form_has_the_same_table(
     form: str, transect: Path, replayed: Path, tmp_path: Path
 ) -> None:

@@ -187,7 +187,7 @@ def test_short_recording_is_answered_each_time_it_is_played(
     start_node("-r", "__ns:=/again", "-p", "stereo.max_disparity:=40")
     client = make_client(namespace="/again")
     topics = {name: (p.msg_type, p.topic_name) for name, p in client.publishers.items()}
-    frames, plays = 9, 2
+    frames, plays = 9, 3
 
     def adapted(reliability: str) -> None:
         """Wait until the node has noticed that publishers are there, or that they are gone."""

@@ -136,6 +136,9 @@ def test_depth_image_and_points_agree_with_the_disparity(
     assert calibration.header == depth.header
     cloud = np.frombuffer(points.data, np.float32).reshape(120, 160, 4)
     np.testing.assert_array_equal(cloud[..., 2], z)
+    rows, columns = np.nonzero(matched)
+    projected = 200.0 * cloud[rows, columns, 0] / z[matched] + calibration.p[2]
+    np.testing.assert_allclose(projected, columns, atol=1e-3)
 
 
 def test_without_a_sensor_plausibility_is_switched_off(client: Any) -> None:

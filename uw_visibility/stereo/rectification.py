@@ -49,11 +49,17 @@ class Rectifier:
         )
 
     def rectify(self, left: Image, right: Image) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Rectify a pair of raw images of `size`; pixels from outside the raw image are 0."""
-        first, second = (
-            cv2.remap(image, *maps, cv2.INTER_LINEAR)
-            for image, maps in zip((left, right), self._maps, strict=True))
-        return first, second
+        """Rectify a pair of raw images; pixels from outside the raw image are 0."""
+        width, height = self.size
+        rectified = []
+        for image, maps, side in zip((left, right), self._maps, ("left", "right"), strict=True):
+            if image.shape[:2] != (height, width):
+                raise InputError(
+                    f"{side} image has {image.shape[1]}x{image.shape[0]} pixels and its "
+                    f"camera_info {width}x{height}: publish the camera_info of this image"
+                )
+            rectified.append(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR))
+        return rectified[0], rectified[1]
 
     def rectify_reduced(self, left: Image, factor: int) -> NDArray[Any]:
         """Rectify a raw left image that was reduced to means of ``factor`` by ``factor`` pixels."""

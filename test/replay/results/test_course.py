@@ -48,7 +48,7 @@ def shares(make: Callable[[Random, int], Array], n: int, runs: int = 50) -> tupl
     return tuple(np.mean(found, axis=0))  # type: ignore[return-value]
 
 
-@pytest.mark.parametrize("n", [5, 60, pytest.param(300, marks=pytest.mark.long)])
+@pytest.mark.parametrize("n", [5, 12, 60, pytest.param(300, marks=pytest.mark.long)])
 def test_noise_is_neither_a_trend_nor_two_groups(n: int) -> None:
     for make in (constant, uniform):
         rising, jumps = shares(make, n)

@@ -94,7 +94,7 @@ def test_unsure_matches_are_left_out_where_that_is_asked_for(shared_data):
 
 
 @pytest.mark.parametrize(("codes", "mean_attenuation", "seen"), [
-    (0.0, 0.2, 0.9), (4.0, 0.3, 0.6),
+    (0.0, 0.2, 0.9), (1.0, 0.2, 0.88), (2.0, 0.2, 0.8), (4.0, 0.3, 0.6),
 ])
 def test_hardly_any_of_what_the_right_image_does_not_show_is_matched(
     shared_data, codes, mean_attenuation, seen
