@@ -70,10 +70,10 @@ def interrupt():
 
 # A signal comes while the node looks at what it will say of itself.
 IN_A_CALLBACK = NODE + INTERRUPT + """
-from uw_visibility.ros.monitor import DiagnosticsPublisher
+from uw_visibility.ros.monitor import publish_diagnostics
 class Diagnosed(Quiet):
     def prepare(self):
-        DiagnosticsPublisher(self, self.diagnose, self.faults)
+        publish_diagnostics(self, self.diagnose, self.faults)
     def diagnose(self):
         interrupt()
         print(rclpy.ok(), self.count_publishers("/diagnostics"))

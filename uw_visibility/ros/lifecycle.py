@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import ctypes
 import gc
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -36,7 +35,7 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         super().__init__("uw_visibility")
         # Imported here: the middleware's threads discover other nodes meanwhile.
         from uw_visibility.ros.core import NodeCore
-        from uw_visibility.ros.monitor import DiagnosticsPublisher, FaultLog
+        from uw_visibility.ros.monitor import FaultLog, publish_diagnostics
         from uw_visibility.ros.parameters import NodeParameters
 
         self.faults = FaultLog(self)
@@ -49,7 +48,7 @@ class UwVisibilityLifecycleNode(LifecycleNode):
         self._unfinished: list[NewestWorker[StereoFrame]] = []
         self._change = self._service_change_state.callback
         self._service_change_state.callback = self._change_or_refuse
-        DiagnosticsPublisher(self, self._diagnose, self.faults)
+        publish_diagnostics(self, self._diagnose, self.faults)
         # The node does it itself: after a crash, a request may be sent to the dead process.
         if (
             self._node_parameters.settings.node.autostart
@@ -159,7 +158,3 @@ def release_memory() -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the managed node until a signal ends it; see `uw_visibility.ros.run.run`."""
     return run(UwVisibilityLifecycleNode, arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -153,34 +153,26 @@ def describe_fault(error: BaseException) -> str:
     return f"{name} at {places[-1].filename}:{places[-1].lineno}" if places else name
 
 
-class DiagnosticsPublisher:
-    """Publishes findings once a second under the node's name, as diagnostic_updater does.
+def publish_diagnostics(
+    node: Node, find: Callable[[], Mapping[str, Finding]], faults: FaultLog
+) -> None:
+    """Publish findings once a second under the node's name, as diagnostic_updater does.
 
     `find` returns them by part of the node; `faults` has its exceptions, and is a part, too.
     """
+    publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
 
-    def __init__(
-        self, node: Node, find: Callable[[], Mapping[str, Finding]], faults: FaultLog
-    ) -> None:
-        self._node = node
-        self._find = find
-        self._faults = faults
-        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        # Steady clock: the period does not follow simulated time.
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(PERIOD, self._publish, clock=clock)
-
-    def _publish(self) -> None:
+    def publish() -> None:
         try:
-            findings = dict(self._find())
+            findings = dict(find())
         except Exception as error:
             # The failure itself is reported, as one of a callback.
-            self._faults.add(error)
+            faults.add(error)
             findings = {}
-        findings["callbacks"] = self._faults.diagnose()
-        prefix = self._node.get_fully_qualified_name().lstrip("/")
+        findings["callbacks"] = faults.diagnose()
+        prefix = node.get_fully_qualified_name().lstrip("/")
         message = DiagnosticArray()
-        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.header.stamp = node.get_clock().now().to_msg()
         message.status = [
             DiagnosticStatus(
                 level=finding.level,
@@ -195,4 +187,7 @@ class DiagnosticsPublisher:
             )
             for part, finding in findings.items()
         ]
-        self._publisher.publish(message)
+        publisher.publish(message)
+
+    # Steady clock: the period does not follow simulated time.
+    node.create_timer(PERIOD, publish, clock=Clock(clock_type=ClockType.STEADY_TIME))

@@ -19,12 +19,12 @@ class UwVisibilityNode(Node):
         super().__init__("uw_visibility")
         # Imported here: the middleware's threads discover other nodes meanwhile.
         from uw_visibility.ros.core import NodeCore
-        from uw_visibility.ros.monitor import DiagnosticsPublisher, FaultLog
+        from uw_visibility.ros.monitor import FaultLog, publish_diagnostics
         from uw_visibility.ros.parameters import NodeParameters
 
         self.faults = FaultLog(self)
         self._core = NodeCore(self, NodeParameters(self))
-        DiagnosticsPublisher(self, self._core.diagnose, self.faults)
+        publish_diagnostics(self, self._core.diagnose, self.faults)
         self._core.activate()
 
     def stop(self, timeout: float) -> bool:

@@ -34,6 +34,7 @@ class NewestWorker(Generic[Item]):
         Linux has nice values for threads; elsewhere it has no effect.
     lanes: most items in process at once; may be changed at any time, up to the initial number.
     skipped: number of items that a newer one replaced while they waited.
+    stopping: whether `stop` was called, so that results are no longer wanted.
     """
 
     def __init__(
@@ -50,7 +51,7 @@ class NewestWorker(Generic[Item]):
         self._prepare = prepare
         # The waiting item, if any.
         self._waiting: list[Item] = []
-        self._stopping = False
+        self.stopping = False
         self._changed = threading.Condition()
         # Idle lanes; none before `prepare` has ended.
         self._free: set[int] = set()
@@ -59,11 +60,6 @@ class NewestWorker(Generic[Item]):
         self._threads = [
             threading.Thread(target=self._run, args=(lane,), name=f"pipeline {lane}", daemon=True)
             for lane in range(lanes)]
-
-    @property
-    def stopping(self) -> bool:
-        """Whether `stop` was called, so that results are no longer wanted."""
-        return self._stopping
 
     def start(self) -> None:
         for thread in self._threads:
@@ -83,7 +79,7 @@ class NewestWorker(Generic[Item]):
         Returns whether the threads have ended.
         """
         with self._changed:
-            self._stopping = True
+            self.stopping = True
             self._changed.notify_all()
         end = time.monotonic() + timeout
         for thread in self._threads:
@@ -102,8 +98,8 @@ class NewestWorker(Generic[Item]):
                 self._changed.notify_all()
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._stopping or self._may_take(lane))
-                if self._stopping:
+                self._changed.wait_for(lambda: self.stopping or self._may_take(lane))
+                if self.stopping:
                     return
                 item = self._waiting.pop()
                 self._free.remove(lane)
