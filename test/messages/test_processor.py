@@ -94,7 +94,7 @@ def test_images_that_nobody_wants_are_not_made_and_change_no_estimate() -> None:
 
 def test_a_filtered_estimate_is_told_apart_from_the_frame_s_own() -> None:
     work = FrameProcessor(make, rectify=False).begin(frame(), PipelineConfig())
-    assert (work.rig.focal_length, work.header.seconds) == (160.0, 1.0)
+    assert (work.pair.rig.focal_length, work.header.seconds) == (160.0, 1.0)
     alone, filtered = (
         WaterEstimate(
             Status.OK, np.full(3, attenuation), np.full(3, 0.5),
@@ -120,7 +120,7 @@ def test_threads_outlive_the_calibration() -> None:
         for info in (changed.left_info, changed.right_info):
             info.p[0] = info.p[5] = focal
         work = processor.begin(changed, PipelineConfig(threads=3))
-        assert work.rig.focal_length == focal
+        assert work.pair.rig.focal_length == focal
         work.assess(())
         started.append(set(threading.enumerate()) - before)
     assert started[0] and started[0] <= started[1] <= started[2]

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,6 @@ from uw_visibility.water.meaning.assessment import Visibility
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
 
-from types import SimpleNamespace
 
 import rclpy
 from rclpy.node import Node
@@ -64,12 +64,11 @@ class Processor:
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         self.reader = self
-        self.calibrations, self.rig = 0, None
+        self.calibrations, self.pair = 0, SimpleNamespace(rig=None)
         self.asked: list[set[str]] = []
         self.used: list[Any] = []
         self.failure: Exception | None = None
         self.header = ImageHeader(1, 0, "camera")
-        self.rig = None
 
     def begin(self, frame: Any, pipeline: Any, lane: int) -> Any:
         self.used.append(pipeline)

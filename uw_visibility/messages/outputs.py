@@ -129,13 +129,18 @@ def camera_info(side: str, source: Source) -> Any:
 def disparity(source: Source) -> Any:
     """Make the disparity image of the matched pixels."""
     pixels, low, high = source.disparity
+    # Of possible disparities: a match must lie in the right image.
+    x, y, width, height = source.pair.valid_window
+    start = max(x, source.result.stereo.min_disparity)
+    stop = min(x + width, pixels.shape[1] + source.result.stereo.max_disparity)
+    window = start, y, max(stop - start, 0), height
     return source.make(
         "stereo_msgs/msg/DisparityImage",
         header=source.headers["left"],
         image=write_image(source.make, pixels, "32FC1", source.headers["left"]),
         f=source.pair.rig.focal_length,
         t=source.pair.rig.baseline,
-        valid_window=region_message(source.make, _valid_window(source)),
+        valid_window=region_message(source.make, window),
         min_disparity=low,
         max_disparity=high,
         delta_d=DISPARITY_STEP,
@@ -178,15 +183,6 @@ def points(source: Source) -> Any:
         data=cloud.reshape(-1).view(np.uint8),
         is_dense=False,
     )
-
-
-def _valid_window(source: Source) -> tuple[int, int, int, int]:
-    """Return the window of possible disparities: a match must lie in the right image."""
-    x, y, width, height = source.pair.valid_window
-    image_width = source.result.disparity.shape[1]
-    start = max(x, source.result.stereo.min_disparity)
-    stop = min(x + width, image_width + source.result.stereo.max_disparity)
-    return start, y, max(stop - start, 0), height
 
 
 FILTERED, RAW = "visibility", "visibility/raw"

@@ -62,10 +62,6 @@ class FrameWork:
     make: MessageFactory
 
     @property
-    def rig(self) -> StereoRig:
-        return self.pair.rig
-
-    @property
     def header(self) -> ImageHeader:
         return ImageHeader.of(self.frame.left)
 
@@ -87,7 +83,7 @@ class FrameWork:
 
         def known() -> WaterEstimate | None:
             water = known_water and known_water()
-            return water.at(self.header.seconds, self.rig) if water else None
+            return water.at(self.header.seconds, self.pair.rig) if water else None
 
         return self.pipeline.process(
             pair.left, pair.right, valid=pair.valid, match_original=match_original,
@@ -123,7 +119,7 @@ class FrameProcessor:
         self._make = make
         # By lane.
         self._pipelines: dict[int, Pipeline] = {}
-        self._threads: tuple[int, Workers] | None = None
+        self._workers: tuple[int, Workers] | None = None
         self._lock = threading.Lock()
 
     def begin(
@@ -140,12 +136,10 @@ class FrameProcessor:
                 # Free its memory before the next pipeline allocates.
                 self._pipelines.pop(lane, None)
                 made = None
-                workers = self._workers(pipeline_config.threads)
-                made = self._pipelines[lane] = Pipeline(pair.rig, pipeline_config, workers)
+                threads = pipeline_config.threads
+                # All pipelines share the threads while their number is the same.
+                if self._workers is None or self._workers[0] != threads:
+                    self._workers = threads, Workers(threads)
+                made = self._pipelines[lane] = Pipeline(
+                    pair.rig, pipeline_config, self._workers[1])
         return FrameWork(frame, pair, made, self._make)
-
-    def _workers(self, threads: int) -> Workers:
-        """Return the worker threads, which all pipelines share while their number is the same."""
-        if self._threads is None or self._threads[0] != threads:
-            self._threads = threads, Workers(threads)
-        return self._threads[1]

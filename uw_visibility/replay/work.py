@@ -116,7 +116,7 @@ class RecordingProcessor:
             place = traceback.extract_tb(error.__traceback__)[-1]
             reason = f"internal error, {type(error).__name__} at {place.name}:{place.lineno}"
             return FrameAnswer(replace(record, reason=reason))
-        estimate = FrameEstimate.of(result, work.rig, work.header)
+        estimate = FrameEstimate.of(result, work.pair.rig, work.header)
         return FrameAnswer(replace(record, estimate=estimate), messages, bool(asked))
 
     def process(
@@ -125,7 +125,7 @@ class RecordingProcessor:
         """Process the next frame; returns result, filtered estimate and messages by topic."""
         work, result = self._assess(
             frame, water_filter.lamps, lambda: water_filter.known, confidence=True)
-        filtered = water_filter.update(result.water, work.header.seconds, work.rig)
+        filtered = water_filter.update(result.water, work.header.seconds, work.pair.rig)
         messages = work.messages(
             result, self._recording.node, self._recording.topics, filtered)
         return result, filtered, dict(messages)
@@ -161,16 +161,14 @@ READ_AHEAD = 2
 
 
 class FramePool:
-    """Pool of processes, see `frame_pool`; with one job this process, without an executor."""
+    """Pool of processes, see `frame_pool`; with one job this process, without an executor.
+
+    read_ahead: most unanswered tasks when the next one is given.
+    """
 
     def __init__(self, jobs: int, executor: Executor | None = None) -> None:
-        self._jobs = jobs
+        self.read_ahead = 0 if jobs == 1 else READ_AHEAD * jobs
         self._executor = executor
-
-    @property
-    def read_ahead(self) -> int:
-        """Most unanswered tasks when the next one is given."""
-        return 0 if self._jobs == 1 else READ_AHEAD * self._jobs
 
     def answers(
         self, items: Iterable[Any], known: Callable[[], KnownWater | None] = lambda: None

@@ -281,7 +281,7 @@ class NodeCore:
         assessed = time.perf_counter()
         with self._filtering:
             filtered = self._filter_for(settings).update(
-                result.water, work.header.seconds, work.rig)
+                result.water, work.header.seconds, work.pair.rig)
         for topic, message in work.messages(result, settings.node, topics, filtered):
             self._publishers[topic].publish(message)
         around = read - begin + time.perf_counter() - assessed
@@ -314,7 +314,7 @@ class NodeCore:
             self._changes.add("camera_info has changed: using the new calibration")
         self.state.calibrations = calibrations
         width, height = sizes[0]
-        self._images = work.rig, (height, width)
+        self._images = work.pair.rig, (height, width)
         return work
 
     def _wanted(self) -> bool:
