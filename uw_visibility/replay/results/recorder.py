@@ -50,10 +50,8 @@ def columns_of(options: ReplayOptions) -> dict[str, Column]:
 
 def frame_topics(options: ReplayOptions) -> list[str]:
     """Return the topics that depend on a single frame: all except those filtered over frames."""
-    topics = list(all_topics(options.node))
-    if not options.pipeline.tracking.enabled:
-        return topics
-    return [t for t in topics if t not in {f"{FILTERED}/{name}" for name in ESTIMATES}]
+    filtered = ESTIMATES if options.pipeline.tracking.enabled else ()
+    return [t for t in all_topics(options.node) if t not in {f"{FILTERED}/{n}" for n in filtered}]
 
 
 def copied_topics(
