@@ -21,7 +21,6 @@ FAILED = "unusable"
 """Status of frames that gave no result; the column ``reason`` says why."""
 
 CHANNELS = ("red", "green", "blue")
-BEAM = "volume_beam_attenuation_coefficient_of_radiative_flux_in_sea_water"
 DIFFUSE = "volume_attenuation_coefficient_of_downwelling_radiative_flux_in_sea_water"
 
 Kind = Literal["integer", "number", "text", "choice", "datetime"]
@@ -127,8 +126,9 @@ def _by_channel(name: str, array: Column, of: str = "") -> dict[str, Column]:
 def _attenuation(prefix: str, source: str, of: str) -> dict[str, Column]:
     return _by_channel(f"{prefix}attenuation", _number(
         f"{source}.water.attenuation", "attenuation β", "m-1",
-        "Beam attenuation as seen by the channel of the camera (Roser et al. 2014, eq. 1)",
-        BEAM, "" if prefix else "status"), of)
+        "Attenuation of the light of surfaces, as seen by the channel of the camera (Roser et al. "
+        "2014, eq. 1); beam attenuation c is larger, see beam_attenuation",
+        status="" if prefix else "status"), of)
 
 
 def _visibility(prefix: str, source: str, of: str) -> dict[str, Column]:
@@ -136,8 +136,7 @@ def _visibility(prefix: str, source: str, of: str) -> dict[str, Column]:
         **_with_stddev(f"{prefix}mean_attenuation", _number(
             f"{source}.visibility.mean_attenuation", f"mean attenuation α{of}", "m-1",
             "Attenuation beyond that of clear sea water, mean over the channels that have light "
-            "(Roser et al. 2014, eq. 9)", f"{BEAM}_corrected_for_pure_water_attenuance",
-            "" if prefix else "status")),
+            "(Roser et al. 2014, eq. 9)", status="" if prefix else "status")),
         **_with_stddev(f"{prefix}visibility_distance", _number(
             f"{source}.visibility.distance", f"visibility distance{of}", "m",
             "Distance at which contrast in the clearest channel has fallen to parameter "
@@ -154,9 +153,10 @@ def _visibility(prefix: str, source: str, of: str) -> dict[str, Column]:
     }
 
 
+# None for attenuation as a camera sees it: CF's beam attenuation is the sum of absorption and
+# scattering, about twice as much.
 _STANDARD_NAMES = {
-    "beam_attenuation": BEAM, "diffuse_attenuation_490": DIFFUSE,
-    "secchi_depth": "secchi_depth_of_sea_water",
+    "diffuse_attenuation_490": DIFFUSE, "secchi_depth": "secchi_depth_of_sea_water",
 }
 
 

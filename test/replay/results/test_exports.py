@@ -138,7 +138,11 @@ def test_netcdf_is_a_trajectory_with_everything_in_it(
             "visibility_distance_stddev", "visibility_distance_low", "visibility_distance_high",
             "visibility_status"]
         assert data["right_stamp"].values[1] == np.datetime64("2023-11-14T22:13:20.5")
-        assert 520.0 < float(beam.coords["wavelength_green"]) < 540.0
+        for name in ("attenuation_green", "beam_attenuation", "filtered_beam_attenuation_stddev"):
+            assert 520.0 < float(data[name].coords["wavelength_green"]) < 540.0
+        assert float(data["diffuse_attenuation_490"].coords["wavelength_diffuse"]) == 490.0
+        # A transmissometer reads about twice what a camera sees.
+        assert not [name for name in data if "beam" in data[name].attrs.get("standard_name", "")]
         meanings = data["status"].attrs["flag_meanings"].split()
         assert len(meanings) == len(data["status"].attrs["flag_values"])
         assert meanings[int(data["status"].values[0])] == "ok"

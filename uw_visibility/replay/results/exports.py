@@ -18,7 +18,7 @@ from uw_visibility.errors import cell, needing
 from uw_visibility.images.arrays import Array
 from uw_visibility.messages.stamps import iso_time, seconds
 from uw_visibility.optics.spectra import load_response
-from uw_visibility.optics.water_type import effective_wavelengths
+from uw_visibility.optics.water_type import DIFFUSE_WAVELENGTH, effective_wavelengths
 from uw_visibility.replay.columns import CHANNELS, TRANSECT, Column
 from uw_visibility.replay.inputs.options import ReplayOptions
 from uw_visibility.replay.results.provenance import texts_of
@@ -140,6 +140,7 @@ CONVENTIONS = "CF-1.11, ACDD-1.3"
 DIMENSION = "obs"
 # Differs from the variable's name: CF coordinate variables must be numeric.
 INSTANCES = "transects"
+WAVELENGTH_OF_DIFFUSE = "wavelength_diffuse"
 COORDINATES = ("datetime", "longitude", "latitude", "sensor_depth", "frame", "x", "y")
 """Columns of time, position and number of the frame."""
 # Rows per compressed chunk.
@@ -188,7 +189,8 @@ def write_netcdf(
             _name(name): _encoding(column) for name, column in columns.items()
             if name != TRANSECT
         }
-        | {f"wavelength_{channel}": {"_FillValue": None} for channel in CHANNELS},
+        | {name: {"_FillValue": None} for name in (
+            *(f"wavelength_{channel}" for channel in CHANNELS), WAVELENGTH_OF_DIFFUSE)},
     )
 
 
@@ -270,9 +272,8 @@ def _attributes(name: str, columns: Mapping[str, Column]) -> dict[str, Any]:
         else "qualityInformation" if name.endswith(("_stddev", "_low", "_high", "status"))
         else "auxiliaryInformation" if column.unit in ("", "1") else "physicalMeasurement")
     if name not in COORDINATES:
-        channel = [f"wavelength_{c}" for c in CHANNELS if f"attenuation_{c}" in name]
         places = [_name(place) for place in COORDINATES if place in columns]
-        found["coordinates"] = " ".join(places + channel)
+        found["coordinates"] = " ".join(places + _wavelength(name))
     if column.kind == "choice":
         told = [
             f"{choice}: {meaning}"
@@ -296,6 +297,15 @@ def _attributes(name: str, columns: Mapping[str, Column]) -> dict[str, Any]:
     if beside:
         found["ancillary_variables"] = " ".join(beside)
     return found
+
+
+def _wavelength(column: str) -> list[str]:
+    """Name the variable of a column's wavelength, without which CF takes a sum over all."""
+    if "diffuse_attenuation_490" in column:
+        return [WAVELENGTH_OF_DIFFUSE]
+    if "beam_attenuation" in column:
+        return ["wavelength_green"]
+    return [f"wavelength_{c}" for c in CHANNELS if f"attenuation_{c}" in column]
 
 
 def _encoding(column: Column) -> dict[str, Any]:
@@ -322,6 +332,10 @@ def _scalars(wavelengths: Array, identity: str | Sequence[str]) -> dict[str, Any
             "standard_name": "radiation_wavelength", "units": "nm",
             "long_name": f"effective wavelength of the {channel} channel in daylight",
         })
+    found[WAVELENGTH_OF_DIFFUSE] = ((), DIFFUSE_WAVELENGTH, {
+        "standard_name": "radiation_wavelength", "units": "nm",
+        "long_name": "wavelength of the diffuse attenuation",
+    })
     return found
 
 
