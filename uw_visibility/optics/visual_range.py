@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 BLACK_DISC = 4.8
 """Attenuation lengths over which a black target is seen horizontally.
 
-Davies-Colley 1988, doi 10.4319/lo.1988.33.4_part_1.0616; Zaneveld and Pegau 2003,
+Davies-Colley 1988, doi 10.4319/lo.1988.33.4.0616; Zaneveld and Pegau 2003,
 doi 10.1364/OE.11.002997.
 """
 BLACK_DISC_DEVIATION = 0.1
@@ -29,7 +29,7 @@ BEAM_OVER_SEEN_DEVIATION = 0.3
 """Standard deviation of its logarithm over these scenes."""
 
 SECCHI_DISK_REFLECTANCE = 0.14
-"""Reflectance of a Secchi disk over π, 1/sr."""
+"""Remote-sensing reflectance of a Secchi disk at the water's surface, 1/sr (Lee et al. 2015)."""
 SECCHI_CONTRAST = 0.013
 """Least difference of reflectance that an eye sees at the disk, 1/sr."""
 SECCHI_DEVIATION = 0.18

@@ -139,9 +139,10 @@ def _visibility(prefix: str, source: str, of: str) -> dict[str, Column]:
             "(Roser et al. 2014, eq. 9)", status="" if prefix else "status")),
         **_with_stddev(f"{prefix}visibility_distance", _number(
             f"{source}.visibility.distance", f"visibility distance{of}", "m",
-            "Distance at which contrast in the clearest channel has fallen to parameter "
-            "assessment.contrast, by default 5 %: "
-            "ln((1 - C)/(2 C) + 1)/min β, 2.35/min β (Roser et al. 2014, eq. 11-12)",
+            "Distance at which a white and a black patch side by side have a Michelson contrast C "
+            "of parameter assessment.contrast, by default 5 %, in the clearest channel, if the "
+            "veil is as bright as the light: ln((1 - C)/(2 C) + 1)/min β, 2.35/min β "
+            "(Roser et al. 2014, eq. 11-12)",
             status="" if prefix else "visibility_status")),
         **_interval(
             f"{prefix}visibility_distance", f"{source}.visibility.distance",
@@ -248,7 +249,8 @@ COLUMNS: dict[str, Column] = {
         "sensor.depth", "depth by the depth sensor", "m", "Positive down", "depth")),
     "innovation": _number(
         "comparison.innovation",
-        "sensor minus estimate, minus the difference predicted from earlier frames", "m"),
+        "sensor minus estimate, minus the difference predicted from earlier frames", "m",
+        "Of depth: positive where the sensor says deeper"),
     "nis": _number("comparison.nis", "squared innovation over its variance", "1"),
     "plausibility": _choice("verdict", "verdict on the depth sensor", Verdict),
     "plausibility_reason": Column("text", "why the verdict is not ok", source="verdict_reason"),

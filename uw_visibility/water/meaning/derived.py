@@ -103,7 +103,7 @@ class DerivedQuantities:
     Attributes
     ----------
     beam_attenuation, beam_attenuation_stddev : float
-        c of the green channel, 1/m.
+        β of the green channel, 1/m: c as a camera sees it.
     black_disc_visibility, black_disc_visibility_stddev : float
         m.
     water_type : str
