@@ -49,7 +49,7 @@ DEEPEST = 11_000.0
 CLEAR = "clear"
 """Name of clear sea water among the water types."""
 
-CDOM_SLOPE = 0.015
+CDOM_SLOPE = 0.014
 """Decay of a_y(λ) in 1/nm (Bricaud, Morel and Prieur 1981, doi 10.4319/lo.1981.26.1.0043)."""
 CDOM_WAVELENGTH = 440.0
 PARTICLE_WAVELENGTH = 550.0
