@@ -157,6 +157,12 @@ def one_sigma(values: Array, weight: Array) -> Array:
     return np.interp(ONE_SIGMA, reached, values[order])
 
 
+def widened(quantiles: Array, deviation: float) -> Array:
+    """Widen quantiles of a logarithm, the median in the middle, by an independent error."""
+    away = quantiles - quantiles[len(quantiles) // 2]
+    return np.asarray(quantiles - away + np.sign(away) * np.hypot(away, deviation))
+
+
 def overall_status(channels: Sequence[Status]) -> Status:
     """Status of an estimate from those of its channels.
 

@@ -24,6 +24,7 @@ from uw_visibility.images.view import View
 from uw_visibility.status import Status
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.lamps.estimation import LampEstimator
+from uw_visibility.water.lamps.posterior import infer
 
 
 def estimator(**changed: Any) -> LampEstimator:
@@ -54,6 +55,20 @@ def test_attenuation_is_that_of_the_water_within_sigma(alpha: float) -> None:
     low, middle, high = found.clearest
     truth = -np.log(shown.attenuation.min())
     assert middle - 2.5 * (middle - low) < truth < middle + 2.5 * (high - middle)
+
+
+def test_the_interval_of_the_distance_has_the_error_of_the_model_too() -> None:
+    shown = scene(0.15)
+    found, config = estimate(shown), PipelineConfig.from_parameters(parameters())
+    assert found.clearest is not None
+    assert found.lamps is not None
+    assert found.lamps.nodes is not None
+    alone = infer([found.lamps.nodes], config.lighting, CLEAR_WATER, np.ones(3, np.bool_))
+    assert alone is not None
+    # 7 % of the attenuation, of which the distance is the inverse.
+    np.testing.assert_allclose(
+        np.diff(found.clearest)**2 - np.diff(alone.clearest)**2, 0.07**2, rtol=1e-6)
+    assert found.clearest[1] == alone.clearest[1]
 
 
 def test_patches_that_differ_more_than_any_ground_tell_no_water() -> None:

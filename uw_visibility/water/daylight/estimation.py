@@ -52,6 +52,7 @@ from uw_visibility.water.estimate import (
     overall_status,
     passed,
     refuse,
+    widened,
 )
 from uw_visibility.water.observations import Envelopes, observe
 
@@ -148,7 +149,8 @@ class WaterEstimator:
             light, light_covariance = _light(posterior, envelope, known)
             estimate = replace(
                 estimate, light=light, light_covariance=light_covariance,
-                clearest=_wider(posterior.clearest(known)) if known.any() else None)
+                clearest=widened(posterior.clearest(known), RANGE_SCALE_DEVIATION)
+                if known.any() else None)
         return replace(
             estimate, transfer_log_odds=float(logit(posterior.other_curve)),
             lamps_log_odds=lamps_log_odds)
@@ -220,12 +222,6 @@ def _attenuation_and_veil(posterior: Posterior) -> tuple[Array, Array]:
     attenuation = parameters[:, 0]
     covariance[0::2, 0::2] += RANGE_SCALE_DEVIATION**2 * np.outer(attenuation, attenuation)
     return parameters, covariance
-
-
-def _wider(quantiles: Array) -> Array:
-    """Widen quantiles of ln 1/β, the median in the middle, by the error of the scale of range."""
-    away = quantiles - quantiles[len(quantiles) // 2]
-    return np.asarray(quantiles - away + np.sign(away) * np.hypot(away, RANGE_SCALE_DEVIATION))
 
 
 def _light(posterior: Posterior, envelope: Envelopes, known: Mask) -> tuple[Array, Array]:

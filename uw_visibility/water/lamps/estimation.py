@@ -28,6 +28,7 @@ from uw_visibility.water.estimate import (
     overall_status,
     passed,
     refuse,
+    widened,
 )
 from uw_visibility.water.lamps.nodes import USELESS, Nodes, reduce_to_nodes
 from uw_visibility.water.lamps.posterior import CLEAR_WATER_DEVIATION, FEWEST_NODES, infer
@@ -69,7 +70,7 @@ def estimate_nodes(
         status = refuse(status, Status.NOT_ONE_WATER)
     beta = np.exp(posterior.log_attenuation)
     covariance = posterior.covariance * np.outer(beta, beta)
-    clearest: Array | None = posterior.clearest
+    clearest: Array | None = widened(posterior.clearest, MODEL_ERROR)
     if tracks is not None:
         fused = _joined(beta, covariance, tracks)
         if fused is not None:
