@@ -31,6 +31,13 @@ def fold(
     return np.asarray(how.reduce([rows[:, i::side] for i in range(side)]))
 
 
+def means(image: NDArray[Any], side: int) -> NDArray[Any]:
+    """Mean of each whole cell of an image, (H, W) or (H, W, C): (⌊H/side⌋, ⌊W/side⌋) or with C."""
+    height, width = image.shape[0] // side, image.shape[1] // side
+    whole = image[: height * side, : width * side]
+    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
+
+
 def spread(cells: NDArray[Any], side: int, shape: tuple[int, ...]) -> NDArray[Any]:
     """Interpolate values at centres of cells, (h, w, ...), linearly to pixels of a shape (H, W)."""
     size = cells.shape[1] * side, cells.shape[0] * side

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Array, Image
+from uw_visibility.images.cells import means
 from uw_visibility.images.noise import BLOCK, SMOOTHEST, noise_stddev
 from uw_visibility.images.pair import read_only
 
@@ -59,12 +60,9 @@ def subsampled_chroma(image: Image) -> ChromaImage | None:
 
     None for an image of a single row or column, which is refused later, as in other encodings.
     """
-    height, width = image.shape[0] // 2, image.shape[1] // 2
-    if height == 0 or width == 0:
+    if min(image.shape[:2]) < 2:
         return None
-    whole = image[: 2 * height, : 2 * width]
-    half = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
-    return ChromaImage(read_only(half), 2)
+    return ChromaImage(read_only(means(image, 2)), 2)
 
 
 def _noise_share(green: Image, pattern: str) -> float:

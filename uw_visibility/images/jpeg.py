@@ -24,6 +24,7 @@ from scipy.fft import dctn, idctn
 
 from uw_visibility.config.files import read_regular
 from uw_visibility.images.arrays import Array, Image8
+from uw_visibility.images.cells import means
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.encoded import JPEG, MOST_BYTES
 from uw_visibility.images.jpeg_scan import check_blocks
@@ -100,7 +101,11 @@ def jpeg_chroma(data: bytes) -> ChromaImage | None:
         each.shape[0] * rows, each.shape[1] * columns) for each in planes])
     codes = np.clip(
         cv2.transform(joined[: file.shape[0], : file.shape[1]], code * TO_RGB), 0, 255 * code)
-    noise = _noise(_light_variance(file), np.array(variances), np.array(slopes))
+    # Errors of luma also enter predicted chroma, by the slopes.
+    of_colour = TO_RGB[:, 1:]
+    noise = np.sqrt(
+        (1.0 + of_colour @ np.array(slopes)) ** 2 * _light_variance(file)
+        + of_colour**2 @ np.array(variances))
     return ChromaImage(read_only((codes + np.float32(0.5)).astype(dtype)), scale, noise)
 
 
@@ -152,8 +157,7 @@ def _read(data: bytes) -> _File | None:
         return None
     if not layout.exact:
         # Means of 8 bits would be rounded up.
-        whole = planes[: layout.scale * height, : layout.scale * width].astype(np.float32)
-        planes = np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
+        planes = means(planes.astype(np.float32), layout.scale)
     steps = [np.array(table, np.float64).reshape(_BLOCK, _BLOCK) for table in tables]
     return _File(layout, read_only(planes), (height, width), steps)
 
@@ -166,13 +170,6 @@ def _light_variance(file: _File) -> float:
     found = _transform(_blocks(file.planes[..., 0], size, size)[::STRIDE])
     found = np.rint(found / steps) * steps
     return _rounding_variance(*_beyond(-found, steps), steps, bounded=False)
-
-
-def _noise(light: float, colour: Array, slopes: Array) -> Array:
-    """Standard deviation of R, G, B; errors of luma also enter predicted chroma, by the slopes."""
-    of_colour = TO_RGB[:, 1:]
-    return np.asarray(
-        np.sqrt((1.0 + of_colour @ slopes) ** 2 * light + of_colour**2 @ colour))
 
 
 def _blocks(plane: NDArray[Any], rows: int, columns: int) -> Blocks:

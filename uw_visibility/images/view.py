@@ -7,10 +7,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from uw_visibility.images.arrays import Image, Mask, PerChannel, RangeMap
+from uw_visibility.images.cells import means
 from uw_visibility.images.chroma import ChromaImage, code_value
 from uw_visibility.images.noise import noise_stddev
 
@@ -34,14 +34,9 @@ class ColourSamples:
         """
         if self.scale == 1:
             return range_map, valid
-        scale = self.scale
-        height, width = self.pixels.shape[:2]
-        rows, columns = slice(height * scale), slice(width * scale)
-        small = cv2.resize(range_map[rows, columns], (width, height), interpolation=cv2.INTER_AREA)
         if valid is not None:
-            squares = valid[rows, columns].reshape(height, scale, width, scale)
-            valid = np.asarray(squares.all(axis=(1, 3)))
-        return np.asarray(small), valid
+            valid = means(valid.astype(np.float32), self.scale) == 1.0
+        return means(range_map, self.scale), valid
 
 
 @dataclass(frozen=True, eq=False)

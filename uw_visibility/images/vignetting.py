@@ -7,7 +7,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +16,7 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import CameraConfig
 from uw_visibility.errors import InputError, naming
 from uw_visibility.images.arrays import Array, Image
+from uw_visibility.images.cells import means
 from uw_visibility.images.chroma import ChromaImage
 from uw_visibility.images.files import read_image
 from uw_visibility.images.pair import read_only
@@ -71,11 +71,8 @@ class FlatFieldCorrection:
         """Correct the chroma of the left image, with the gains of the last `correct`."""
         if chroma is None or chroma.pixels is None or not self.needed:
             return chroma
-        scale = chroma.scale
-        height, width = chroma.pixels.shape[:2]
-        whole = self._gains[0][: height * scale, : width * scale]
-        gain = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
-        gain = gain.reshape(height, width, whole.shape[2])
+        gain = means(self._gains[0], chroma.scale).reshape(
+            *chroma.pixels.shape[:2], self._gains[0].shape[2])
         return replace(chroma, pixels=self._apply(chroma.pixels, gain))
 
     def _gain(self, side: int, shape: tuple[int, ...]) -> NDArray[np.float32]:

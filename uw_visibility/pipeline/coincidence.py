@@ -7,13 +7,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 from scipy.ndimage import maximum_filter, uniform_filter
 
 from uw_visibility.images.arrays import Array, Image, RangeMap
+from uw_visibility.images.cells import means
 
 # Image and ranges are reduced to about this width, px, at which edges are a pixel or two wide.
 COLUMNS = 160
@@ -68,10 +68,8 @@ def _neighbours_alike(light: NDArray[Any]) -> bool:
 
 def _edges(light: NDArray[Any], factor: int) -> Array:
     """Ranks of the image's gradients, 0 to 1, in the channel where they are largest."""
-    height, width = (length // factor for length in light.shape[:2])
-    whole = light[: height * factor, : width * factor]
-    reduced = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
-    steps = np.max([_gradient(c) for c in np.moveaxis(np.atleast_3d(reduced), 2, 0)], axis=0)
+    reduced = np.atleast_3d(means(light, factor))
+    steps = np.max([_gradient(channel) for channel in np.moveaxis(reduced, 2, 0)], axis=0)
     # Contrast falls with range, so gradients are divided by their local RMS.
     around = np.sqrt(uniform_filter(steps**2, NEIGHBOURHOOD))
     order = np.argsort(steps / np.maximum(around, 1e-9), axis=None, kind="stable")

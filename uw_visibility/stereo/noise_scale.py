@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Array, Image
+from uw_visibility.images.cells import means
 from uw_visibility.images.view import code_value
 from uw_visibility.stereo.contrast import mixed_noise
 from uw_visibility.stereo.denoising import ROUNDING
@@ -85,12 +86,7 @@ def _mixed(
 def _shown_cells(image: NDArray[np.float32], scale: int, variance: float) -> NDArray[np.bool_]:
     """Cells in which gradients along rows, at a scale, have more energy than those of noise."""
     height, width = image.shape
-    small = image
-    if scale > 1:
-        rows, columns = height // scale, width // scale
-        whole = image[: rows * scale, : columns * scale]
-        small = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
-    gradient = cv2.Sobel(small, cv2.CV_32F, 1, 0)
+    gradient = cv2.Sobel(image if scale == 1 else means(image, scale), cv2.CV_32F, 1, 0)
     cells = (max(width // _CELL, 1), max(height // _CELL, 1))
     energy = cv2.resize(gradient * gradient, cells, interpolation=cv2.INTER_AREA)
     return np.asarray(energy >= _SOBEL_VARIANCE * variance / scale**2)

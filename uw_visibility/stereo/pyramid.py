@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.config.schema import StereoConfig
 from uw_visibility.images.arrays import DisparityMap, Image, Points
+from uw_visibility.images.cells import means
 from uw_visibility.images.pair import MIN_HEIGHT, MIN_WIDTH, read_only
 from uw_visibility.images.view import View
 from uw_visibility.stereo.denoising import ROUNDING
@@ -42,11 +43,7 @@ class Pyramid:
 
     def downsample(self, image: Image) -> NDArray[Any]:
         """Return the small image, of the same type."""
-        if self.factor == 1:
-            return image
-        height, width = self.small
-        whole = image[: height * self.factor, : width * self.factor]
-        return read_only(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
+        return image if self.factor == 1 else read_only(means(image, self.factor))
 
     def downsample_view(self, view: View) -> View:
         """Return the small view; all of its pixels are valid.
