@@ -302,12 +302,6 @@ def test_no_coefficients_or_zeros_mean_no_distortion(number: int) -> None:
     np.testing.assert_array_equal(rectifier.rectify(image, image)[1], image)
 
 
-def test_image_of_another_size_than_its_camera_info_is_named() -> None:
-    image = np.zeros((24, 32), np.uint8)
-    with pytest.raises(InputError, match=r"left image has 32x24 .* camera_info 64x48"):
-        Rectifier(camera_info(), right_info()).rectify(image, image)
-
-
 def test_recorded_raw_pair_becomes_the_recorded_rectified_pair(shared_data: Path) -> None:
     rosbags = pytest.importorskip("rosbags.highlevel", reason="rosbags is not installed")
     folder = shared_data / "underwater"

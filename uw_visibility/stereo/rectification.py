@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Image
+from uw_visibility.images.cells import means
 from uw_visibility.stereo.calibration import EQUIDISTANT, CameraCalibration, read_pair
 from uw_visibility.stereo.rig import StereoRig
 
@@ -49,29 +50,16 @@ class Rectifier:
         )
 
     def rectify(self, left: Image, right: Image) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Rectify a pair of raw images; pixels from outside the raw image are 0."""
-        width, height = self.size
-        rectified = []
-        for image, maps, side in zip((left, right), self._maps, ("left", "right"), strict=True):
-            if image.shape[:2] != (height, width):
-                raise InputError(
-                    f"{side} image has {image.shape[1]}x{image.shape[0]} pixels and its "
-                    f"camera_info {width}x{height}: publish the camera_info of this image"
-                )
-            rectified.append(cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR))
-        return rectified[0], rectified[1]
+        """Rectify a pair of raw images of `size`; pixels from outside the raw image are 0."""
+        first, second = (
+            cv2.remap(image, *maps, cv2.INTER_LINEAR)
+            for image, maps in zip((left, right), self._maps, strict=True))
+        return first, second
 
     def rectify_reduced(self, left: Image, factor: int) -> NDArray[Any]:
         """Rectify a raw left image that was reduced to means of ``factor`` by ``factor`` pixels."""
         if factor not in self._reduced:
-            height, width = left.shape[:2]
-            x, y = (
-                (cv2.resize(
-                    plane[: height * factor, : width * factor], (width, height),
-                    interpolation=cv2.INTER_AREA,
-                ) + 0.5) / factor - 0.5
-                for plane in self._left_map
-            )
+            x, y = ((means(plane, factor) + 0.5) / factor - 0.5 for plane in self._left_map)
             self._reduced[factor] = cv2.convertMaps(x, y, cv2.CV_16SC2)
         maps = self._reduced[factor]
         return np.asarray(cv2.remap(left, maps[0], maps[1], cv2.INTER_LINEAR))
