@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.config.schema import NodeConfig
+from uw_visibility.images.overview import shown
 from uw_visibility.messages.estimates import (
     ESTIMATES,
     Estimate,
@@ -154,10 +155,7 @@ def points(source: Source) -> Any:
     cx, cy = rig.principal_point
     columns = (np.arange(width) - cx) / rig.focal_length
     rows = (np.arange(height) - cy) / (rig.focal_length_y or rig.focal_length)
-    colours = source.result.left_enhanced
-    if colours.dtype == np.uint16:
-        colours = (colours >> 8).astype(np.uint8)
-    rgb = np.broadcast_to(colours.reshape(height, width, -1), (height, width, 3)).astype(np.uint32)
+    rgb = shown(source.result.left_enhanced).astype(np.uint32)
     cloud = np.empty((height, width, 4), np.float32)
     cloud[..., 0] = depth * columns.astype(np.float32)
     cloud[..., 1] = depth * rows.astype(np.float32)[:, np.newaxis]

@@ -98,11 +98,8 @@ class Picture(NamedTuple):
 
     def side_by_side(self, scale: ColourScale | None, assumed: str) -> Image8:
         """Return the three images in a row, with titles, visibility, assumptions and a scale."""
-        height = self.enhanced.shape[0]
-        factor = height / self.raw.shape[0]
-        raw = self.raw if factor == 1.0 else fit(self.raw, round(self.raw.shape[1] * factor))
         ends = scale and tuple(d / scale.focal_baseline for d in scale[:2])
-        return side_by_side(raw, self.enhanced, self.disparity, ends, [self.caption, assumed])
+        return side_by_side(self.raw, self.enhanced, self.disparity, ends, [self.caption, assumed])
 
 
 class Gallery:
@@ -201,8 +198,3 @@ def _write_video(path: Path, frames: Iterator[Image8], steps: Array) -> None:
         writer.write(cv2.cvtColor(cv2.resize(image, size), cv2.COLOR_RGB2BGR))
     if writer is not None:
         writer.release()
-
-
-def fit(image: Image8, width: int) -> NDArray[np.uint8]:
-    height = round(image.shape[0] * width / image.shape[1])
-    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA))

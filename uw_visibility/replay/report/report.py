@@ -26,7 +26,7 @@ from uw_visibility.replay.inputs.sensors import ScalarTopic
 from uw_visibility.replay.line_fit import FEWEST, LineFit, fit_line
 from uw_visibility.replay.report import figures
 from uw_visibility.replay.report.figures import draw_series
-from uw_visibility.replay.report.gallery import Gallery, fit, gradient
+from uw_visibility.replay.report.gallery import Gallery, gradient
 from uw_visibility.replay.report.meaning import meaning
 from uw_visibility.replay.report.sentences import (
     Frame,
@@ -100,10 +100,12 @@ def write_report(
 
 
 def _view(what: str, image: Image8) -> dict[str, Any]:
-    image = fit(image, min(VIEW_WIDTH, image.shape[1]))
-    _, png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    width = min(VIEW_WIDTH, image.shape[1])
+    height = round(image.shape[0] * width / image.shape[1])
+    small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    _, png = cv2.imencode(".png", cv2.cvtColor(small, cv2.COLOR_RGB2BGR))
     source = Markup(f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}")
-    return {"what": what, "source": source, "width": image.shape[1], "height": image.shape[0]}
+    return {"what": what, "source": source, "width": width, "height": height}
 
 
 def _representative(columns: Columns, summary: Summary) -> set[int]:
