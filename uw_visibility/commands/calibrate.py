@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from uw_visibility.commands.options import (
     add_recording_options,
     jobs,
+    read_params_file,
     read_recording_options,
     reading,
 )
@@ -122,7 +123,6 @@ def _write(
     damage: list[str], more: str = "",
 ) -> None:
     """Write the parameters that were found, and print their description."""
-    from uw_visibility.commands.options import read_params_file
     from uw_visibility.config.parameters import render_values
 
     names = printable(", ".join(bag.resolve().name for bag in arguments.bags))

@@ -13,7 +13,7 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from uw_visibility.commands.options import add_transfer, read_params_file
+from uw_visibility.commands.options import add_camera_options, read_params_file
 from uw_visibility.config.assumptions import ASK_TRANSFER, assumptions
 from uw_visibility.config.files import Products, gathered, refuse_inputs, sole_writer, write_whole
 from uw_visibility.config.schema import PipelineConfig
@@ -75,19 +75,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--principal-point", metavar=("CX", "CY"), type=float, nargs=2,
         help="principal point, px (default: centre of the image)",
     )
-    parser.add_argument(
-        "--calibration", metavar="FILE", type=Path, action="append", default=[],
-        help="JSON with P1 and P2, or two YAML files of CameraInfo, instead of the numbers",
-    )
+    add_camera_options(parser, "the numbers")
     parser.add_argument(
         "--max-disparity", metavar="PX", type=int,
         help="largest disparity searched, px (parameter stereo.max_disparity)",
     )
-    parser.add_argument(
-        "--params-file", metavar="YAML", type=Path,
-        help="parameters, in the format of config/uw_visibility.yaml",
-    )
-    add_transfer(parser)
     parser.add_argument(
         "-o", "--output", metavar="DIR", type=Path, required=True,
         help="folder for the results; created if missing",

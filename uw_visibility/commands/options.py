@@ -38,8 +38,14 @@ def of_arguments(
     return kind(**values, **others)
 
 
-def add_transfer(parser: argparse.ArgumentParser) -> None:
-    """Add the option of the camera's transfer."""
+def add_camera_options(parser: argparse.ArgumentParser, known: str) -> None:
+    """Add parameter file, transfer and calibration, which replaces what is `known` otherwise."""
+    parser.add_argument(
+        "--calibration", metavar="FILE", type=Path, action="append", default=[],
+        help=f"JSON with P1 and P2, or two YAML files of CameraInfo, instead of {known}")
+    parser.add_argument(
+        "--params-file", metavar="YAML", type=Path,
+        help="parameters, in the format of config/uw_visibility.yaml")
     parser.add_argument(
         "--transfer", choices=("linear", "srgb"),
         help="transfer from light to code values: linear, as in machine vision cameras, or srgb, "
@@ -79,12 +85,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     add("bags", metavar="BAG", type=named_place, nargs="+", help="recording")
     add("--rectify", action="store_true", help="rectify raw images (parameter rectify); "
         "recordings that only have rectified images are used as they are")
-    add("--params-file", metavar="YAML", type=Path, help="parameters of the node")
-    add_transfer(parser)
-    add(
-        "--calibration", metavar="FILE", type=Path, action="append", default=[],
-        help="JSON with P1 and P2, or two YAML files of CameraInfo, instead of the recorded ones",
-    )
+    add_camera_options(parser, "the recorded ones")
     add("--left", metavar="TOPIC", help="left images")
     add("--right", metavar="TOPIC", help="right images")
     add("--left-info", metavar="TOPIC", help="CameraInfo of the left camera")

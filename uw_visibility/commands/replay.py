@@ -19,7 +19,7 @@ from uw_visibility.commands.options import (
 from uw_visibility.config.assumptions import assumptions
 from uw_visibility.config.files import refuse_inputs
 from uw_visibility.errors import InputError, refusing
-from uw_visibility.replay.progress import say
+from uw_visibility.replay.progress import say, tell
 
 # Most numbers of a topic that --list shows.
 MOST_LISTED = 6
@@ -199,7 +199,6 @@ def _replay(
 
         return replay_on_cluster(arguments.scheduler, targets, options, **flags)
     from uw_visibility.replay.batch import replay_bags
-    from uw_visibility.replay.progress import tell
 
     tell("preparing; the first run compiles, for a minute or two")
     return replay_bags(targets, options, jobs=jobs(arguments), **flags)
