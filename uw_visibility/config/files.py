@@ -55,10 +55,6 @@ class Products:
             len(pattern) == len(parts) and all(map(fnmatchcase, parts, pattern))
             for pattern in (text.split("/") for text in (glob.escape(self.mark), *self.files)))
 
-    def foreign(self, names: Iterable[str]) -> str | None:
-        """Return the first name that is not a product's, or None; folders end with ``/``."""
-        return next((name for name in names if not self.includes(name)), None)
-
     def marks(self, folder: Path) -> bool:
         """Return whether a folder, which must not be a link, has the mark."""
         mark = folder / self.mark
@@ -77,11 +73,11 @@ class Products:
         listed = list(names)
         if listed and not marked:
             raise InputError(f"{folder} exists already and is {self.what}: give another name")
-        foreign = self.foreign(listed)
-        if foreign is not None:
-            raise InputError(
-                f"{folder}/{foreign.rstrip('/@')} is not a result of this program: "
-                "move it, or give another name")
+        for name in listed:
+            if not self.includes(name):
+                raise InputError(
+                    f"{folder}/{name.rstrip('/@')} is not a result of this program: "
+                    "move it, or give another name")
 
     def remove(self, folder: Path) -> None:
         """Remove a folder, each of its files by name; an empty one needs no mark.

@@ -112,9 +112,7 @@ def _observe(pair: StereoPair, pipeline: Pipeline, tracker: PointTracker) -> Sig
     saturated = (left == np.iinfo(left.dtype).max).any(axis=2)
     centres = (
         pair.rig.principal_point, pair.rig.principal_point_right or pair.rig.principal_point)
-    flat = FlatFieldCorrection(camera, centres, Workers(1))
-    if flat.needed:
-        left, _ = flat.correct(left, pair.right)
+    left, _ = FlatFieldCorrection(camera, centres, Workers(1)).correct(left, pair.right)
     irradiance = linear_table(camera.transfer, left.dtype)[left]
     ranges = result.range
     if pair.valid is not None:

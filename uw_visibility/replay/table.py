@@ -36,13 +36,13 @@ class TableWriter:
     """Table writer that writes rows at once, so that an interruption loses none."""
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
-        self.columns = tuple(columns)
         self._file = path.open("w", encoding="utf-8", newline="")
-        self._writer = csv.DictWriter(self._file, columns, restval="", lineterminator="\n")
+        self._writer = csv.DictWriter(
+            self._file, columns, restval="", extrasaction="ignore", lineterminator="\n")
         self._writer.writeheader()
 
     def write(self, row: Mapping[str, Any]) -> None:
-        """Write a row; missing columns stay empty."""
+        """Write a row; missing columns stay empty, other values are left out."""
         self._writer.writerow({name: cell(value) for name, value in row.items()})
         self._file.flush()
 

@@ -131,7 +131,11 @@ class FrameRecorder:
         if record.estimate is not None:
             self.resumed += answer.resumed
             self.baselines.add(record.estimate.rig.baseline)
-            self._write_timing(record.frame, record.estimate.timing_ms)
+            timing = record.estimate.timing_ms
+            if self._timings is None:
+                self._timings = TableWriter(self._folder / "timings.csv", ["frame", *timing])
+            self._timings.write(
+                {"frame": str(record.frame), **{k: f"{v:.3f}" for k, v in timing.items()}})
             filtered = self.filter.update(
                 record.estimate.water, record.estimate.header.seconds, record.estimate.rig)
             if filtered is not None:
@@ -194,9 +198,3 @@ class FrameRecorder:
             message = source.message(name)
             if message is not None:
                 self._bag.write(f"/{FILTERED}/{name}", message, time)
-
-    def _write_timing(self, frame: int, timing_ms: Mapping[str, float]) -> None:
-        if self._timings is None:
-            self._timings = TableWriter(self._folder / "timings.csv", ["frame", *timing_ms])
-        row = {"frame": str(frame), **{k: f"{v:.3f}" for k, v in timing_ms.items()}}
-        self._timings.write({k: v for k, v in row.items() if k in self._timings.columns})
