@@ -93,6 +93,23 @@ def test_nothing_steps_at_the_border_of_a_guess() -> None:
     assert steps[0] <= 8.0 < 20.0 < steps[1]
 
 
+def test_rows_of_a_gap_do_not_step_where_the_image_is_even() -> None:
+    image = view()
+    image[60:180, 100:140] = 60
+    matched = ALL.copy()
+    matched[60:180, 100:140] = False
+    ranges = np.full(SHAPE, 3.0, np.float32)
+    # Each row of a gap is filled by its own neighbours, beside a near object.
+    ranges[60:180, 100:140] = np.where(np.arange(120) % 12 < 6, 2.9, 3.1)[:, np.newaxis]
+    ranges[:, 140:] = 1.5
+    smooth, known = found(image, ranges, matched, 0.2 * ATTENUATION)
+    gap = smooth[64:176, 102:138]
+    assert known[64:176, 102:138].min() > 0.95
+    assert np.abs(np.diff(gap, axis=0)).max() < 0.03
+    np.testing.assert_allclose(gap, 3.0, rtol=0.1)
+    np.testing.assert_allclose(smooth[64:176, 144:150], 1.5, rtol=0.02)
+
+
 def test_edges_of_the_scene_stay_sharp() -> None:
     ranges = FLAT.copy()
     ranges[:, 80:] = 2.0

@@ -18,10 +18,10 @@ from uw_visibility.enhancement.guided import Plane, guided
 from uw_visibility.images.arrays import Array, Image, Mask, RangeMap
 from uw_visibility.images.noise import ROUNDING_VARIANCE
 
-# Side of a cell, px; radius of the guided filter's windows, in cells, for ranges and for their
-# reliability.
+# Side of a cell, px; radius of the guided filter's windows, in cells, for ranges, for those in gaps
+# alone, and for their reliability.
 _CELL = 8
-_RANGE_WINDOW, _KNOWN_WINDOW = 3, 4
+_RANGE_WINDOW, _GAP_WINDOW, _KNOWN_WINDOW = 3, 1, 4
 # Variance of the image, scaled to 0..1, below which it counts as flat.
 _FLAT = 1e-4
 # Matches in a second window, larger by this factor, count with this weight for gaps.
@@ -78,7 +78,8 @@ def known_range(
     with np.errstate(divide="ignore", invalid="ignore"):
         # `fmax` replaces NaN by 0.
         inverse = np.minimum(np.fmax(np.float32(1.0) / range_map[::2, ::2], 0.0), _NEAREST)
-    share = _resize(matched[::2, ::2].astype(np.float32), cells)
+    measured = matched[::2, ::2]
+    share = _resize(measured.astype(np.float32), cells)
     value = _resize(inverse, cells)
 
     weights = _GREY**2 if noise.size == 3 else np.ones(1)
@@ -101,11 +102,16 @@ def known_range(
     known = np.exp(-1.5 * variance * (thickness / smooth) ** 2)
     # Cells at the border of reliable range are mixed. Reliable range is not smoothed.
     known = cv2.erode(known, np.ones((3, 3), np.uint8))
-    planes = (*along, *guided(known, np.ones_like(known), small, _KNOWN_WINDOW, _FLAT), known**4)
-    slope, offset, known_slope, known_offset, sharp = (
-        cv2.resize(plane, half, interpolation=cv2.INTER_LINEAR) for plane in planes)
+    # Gaps are filled row by row, with steps between rows. Matches beside them keep depth edges.
+    gaps = 1.0 - (1.0 - _NO_MATCH) * share
+    inside = _resize(np.where(measured, np.float32(_NO_MATCH) * inverse, inverse), cells) / gaps
+    filled = guided(inside, gaps, small, _GAP_WINDOW, _FLAT)
+    trust = guided(known, np.ones_like(known), small, _KNOWN_WINDOW, _FLAT)
+    slope, offset, gap_slope, gap_offset, known_slope, known_offset, sharp = (
+        cv2.resize(plane, half, interpolation=cv2.INTER_LINEAR)
+        for plane in (*along, *filled, *trust, known**4))
     smooth = slope * guide + offset
-    smooth += sharp * (inverse - smooth)
+    smooth += sharp * (np.where(measured, inverse, gap_slope * guide + gap_offset) - smooth)
     known = np.clip(known_slope * guide + known_offset, 0.0, 1.0)
     return KnownRange(*(
         cv2.resize(plane, (width, height), interpolation=cv2.INTER_LINEAR)
