@@ -33,7 +33,7 @@ SECCHI_DISK_REFLECTANCE = 0.14
 SECCHI_CONTRAST = 0.013
 """Least difference of reflectance that an eye sees at the disk, 1/sr."""
 SECCHI_DEVIATION = 0.18
-"""Relative deviation of `secchi_depth` over 338 measurements (the same source)."""
+"""Its relative standard deviation: mean absolute difference from 338 measurements (the same)."""
 
 
 def black_disc_visibility(beam_attenuation: ArrayLike) -> Array:
