@@ -422,10 +422,43 @@ def large_scene(scene: KnownScene) -> KnownScene:
 
 
 @pytest.fixture(scope="module")
-def start_node(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., NodeProcess]]:
-    """Start nodes in processes of their own; they end with the module."""
+def nodes() -> Iterator[list[NodeProcess]]:
+    """Nodes that the tests of a module have started."""
+    started: list[NodeProcess] = []
+    yield started
+    # Asked first, since the middleware's shared memory outlives a node that is killed.
+    for node in started:
+        node.process.send_signal(signal.SIGINT)
+    for node in started:
+        node.end()
+
+
+@pytest.fixture(scope="module")
+def clients() -> Iterator[list[Client]]:
+    """Clients that the tests of a module have made and that hear still."""
+    made: list[Client] = []
+    yield made
+    for client in made:
+        client.close()
+
+
+@pytest.fixture(autouse=True)
+def end_with_the_test(nodes: list[NodeProcess], clients: list[Client]) -> Iterator[None]:
+    """End what a test has started itself: every client hears the diagnostics of every node."""
+    before = len(nodes), len(clients)
+    yield
+    for node in nodes[before[0]:]:
+        node.process.send_signal(signal.SIGINT)
+    while len(clients) > before[1]:
+        clients.pop().close()
+
+
+@pytest.fixture(scope="module")
+def start_node(
+    nodes: list[NodeProcess], tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., NodeProcess]:
+    """Start nodes in processes of their own; they end with the test or fixture that starts them."""
     pytest.importorskip("rclpy", reason="ROS is not installed")
-    nodes: list[NodeProcess] = []
 
     def start(
         *arguments: str, ready: bool = True, module: str = "node", code: str = "",
@@ -437,20 +470,14 @@ def start_node(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..
             nodes[-1].wait_for("ready after", READY_TIMEOUT)
         return nodes[-1]
 
-    yield start
-    # Asked first, since the middleware's shared memory outlives a node that is killed.
-    for node in nodes:
-        node.process.send_signal(signal.SIGINT)
-    for node in nodes:
-        node.end()
+    return start
 
 
 @pytest.fixture(scope="module")
-def make_client() -> Iterator[Callable[..., Client]]:
-    """Make clients; they end with the module."""
+def make_client(clients: list[Client]) -> Callable[..., Client]:
+    """Make clients; they end with the test or fixture that makes them."""
     pytest.importorskip("rclpy", reason="ROS is not installed")
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    clients: list[Client] = []
 
     def make(inputs: dict[str, str] | None = None, namespace: str = "") -> Client:
         topics = inputs or {
@@ -461,9 +488,7 @@ def make_client() -> Iterator[Callable[..., Client]]:
         clients.append(Client(topics, namespace))
         return clients[-1]
 
-    yield make
-    for client in clients:
-        client.close()
+    return make
 
 
 @pytest.fixture(scope="session")
