@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What takes long to make is made by one worker of pytest-xdist, and read by all."""
+"""What takes long is made by one worker of pytest-xdist, and read by all, or left out."""
 
 from __future__ import annotations
 
@@ -31,3 +31,10 @@ def made_once(
             make(folder)
             whole.touch()
     return folder
+
+
+def leave_out_figures(patch: pytest.MonkeyPatch, *pages: str) -> None:
+    """Draw no series and no maps on pages, modules of `replay`: it takes longer than all else."""
+    for page in pages:
+        for name in ("draw_series", "draw_tracks"):
+            patch.setattr(f"uw_visibility.replay.{page}.{name}", lambda *_: [])

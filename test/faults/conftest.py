@@ -18,6 +18,7 @@ pytest.importorskip("rosbags")
 # The tests here share what makes bags; pytest's import mode leaves this folder out.
 sys.path.insert(0, str(Path(__file__).parent))
 
+from made_once import leave_out_figures
 from rosbags.rosbag2 import StoragePlugin
 from small_bags import scene, write_ros2
 
@@ -41,6 +42,12 @@ def _disk_of(size: int) -> Iterator[None]:
 def full_disk() -> Callable[[int], AbstractContextManager[None]]:
     """Make a disk that is full at so many bytes a file."""
     return _disk_of
+
+
+@pytest.fixture
+def plain_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the figures of pages out."""
+    leave_out_figures(monkeypatch, "report.report", "day")
 
 
 @pytest.fixture

@@ -16,6 +16,8 @@ from uw_visibility.cli import main
 from uw_visibility.images.files import write_png
 from uw_visibility.replay.table import read_rows
 
+pytestmark = pytest.mark.usefixtures("plain_report")
+
 
 def replay(bag: Path, folder: Path, values: dict[str, Any], jobs: str = "1") -> int:
     """Replay a bag with parameters; returns the exit code."""

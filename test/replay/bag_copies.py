@@ -161,13 +161,6 @@ def parameter_file(path: Path, values: dict[str, Any]) -> str:
     return str(path)
 
 
-def leave_out_figures(patch: pytest.MonkeyPatch, *pages: str) -> None:
-    """Draw no series and no maps on pages, modules of `replay`: it takes longer than all else."""
-    for page in pages:
-        for name in ("draw_series", "draw_tracks"):
-            patch.setattr(f"uw_visibility.replay.{page}.{name}", lambda *_: [])
-
-
 def run(
     bag: Path, target: Path, *options: str, capsys: pytest.CaptureFixture[str] | None = None
 ) -> SimpleNamespace:

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bag_copies import copy_bag, leave_out_figures
+from bag_copies import copy_bag
+from made_once import leave_out_figures
 
 from uw_visibility.cli import main
 from uw_visibility.replay import cluster as replay_cluster

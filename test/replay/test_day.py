@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_copies import leave_out_figures
+from made_once import leave_out_figures
 
 from uw_visibility.cli import main
 from uw_visibility.replay.columns import COLUMNS

@@ -151,10 +151,12 @@ def test_jobs_change_nothing_and_what_lies_beside_them_is_not_run(
     # As the installed command is: its own folder is searched, not the current one.
     command = tmp_path / "command.py"
     command.write_text(
-        'from uw_visibility.cli import main\nfrom uw_visibility.replay.report import report\n'
+        'from uw_visibility.cli import main\n'
+        'if __name__ == "__main__":\n'
         # As `plain_report` does in this process.
-        'report.draw_series = report.draw_tracks = lambda *_: []\n'
-        'if __name__ == "__main__":\n    main()\n'
+        '    from uw_visibility.replay.report import report\n'
+        '    report.draw_series = report.draw_tracks = lambda *_: []\n'
+        '    main()\n'
     )
     params = parameter_file(tmp_path / "p.yaml", HARD_PARAMETERS)
     done = subprocess.run(

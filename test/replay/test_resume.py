@@ -21,11 +21,11 @@ from bag_copies import (
     DARK,
     DIVE_FRAMES,
     HARD_PARAMETERS,
-    leave_out_figures,
     messages_of,
     parameter_file,
     run,
 )
+from made_once import leave_out_figures
 
 from uw_visibility.cli import main
 from uw_visibility.config.files import aside_of
