@@ -25,8 +25,8 @@ SQL = (
     *(TIMES.format(value) for value in ("NULL", "-1", "1e300", "'now'", "9223372036854775807",
                                         "x'00'", "timestamp * 1.5", "-timestamp")),
     *(f"UPDATE messages SET data = {value}" for value in (
-        "NULL", "7", "2000000000", "1e9", "'text'", "x''", "x'00'", "zeroblob(400000000)",
-        "zeroblob(40)", "data || data")),
+        "NULL", "7", "2000000000", "1e9", "'text'", "x''", "x'00'",
+        "zeroblob(400000000) WHERE id = 1", "zeroblob(40)", "data || data")),
     *(f"UPDATE messages SET topic_id = {value}" for value in ("NULL", "'a'", "1e9", "-1", "x'01'")),
     "UPDATE messages SET id = id * 1000000007",
     "UPDATE messages SET id = -id",
