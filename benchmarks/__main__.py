@@ -64,7 +64,7 @@ def main() -> None:
             small, large = (report[f"{w}x{h}"][threads] for w, h, _ in CASES)
             large["over_small"] = large["pipeline_ms"] / small["pipeline_ms"]
             print(f"{threads} thread(s): large over small {large['over_small']:.2f}")
-    report["presets"] = compare([], options.rounds)
+    report["presets"] = compare(options.rounds)
     Path(options.json).write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     print(f"\nratios written to {options.json}")
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""Run the node with a publisher, and measure its answers, their latency and its memory.
+"""Run the node with a publisher, and measure its answers and their latency.
 
     python -m benchmarks.node --rate 30 --seconds 120
     python -m benchmarks.node --rate 4 --seconds 60 --everything
@@ -9,11 +9,11 @@
 
 Node, camera and listener are three processes; the node's environment is that of its launch
 file. Latency is the time from an image's stamp, which is the time of its publication, to the
-arrival of its disparity. Growth of memory is counted from 15 s after the first answer. `--table`
-(`make rates`) prints the share of frames that are answered at 10, 15 and 30 Hz, with
-subscriptions to the disparity only and to all images. `--starts` measures the time from the
-node's start to the first answer instead, with the camera running; `--cold` does so without
-kernels on disk. Measure on an idle machine, since the three processes share its processors.
+arrival of its disparity. `--table` (`make rates`) prints the share of frames that are answered at
+10, 15 and 30 Hz, with subscriptions to the disparity only and to all images. `--starts` measures
+the time from the node's start to the first answer instead, with the camera running; `--cold` does
+so without kernels on disk. Measure on an idle machine, since the three processes share its
+processors. `make soak` measures memory.
 """
 
 from __future__ import annotations
@@ -57,16 +57,13 @@ from uw_visibility_lab.simulation.bag import camera_info_message
 from uw_visibility_lab.simulation.camera import StereoCamera
 
 START_TIMEOUT = 300.0
-# Memory settles while the first frames are processed, s.
-WARM_UP = 15.0
 BASELINE = 0.160
-MEMORY_PERIOD = 0.5
 TABLE_RATES = (10.0, 15.0, 30.0)
 EVERYTHING = ("-p", "publish_depth_image:=true", "-p", "publish_points:=true")
 
 
 def main() -> int:
-    """Run the benchmark, print what it found and write it as JSON."""
+    """Run the benchmark and print what it found."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.node", description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -75,14 +72,12 @@ def main() -> int:
     parser.add_argument("--table", action="store_true", help="all rates and subscriptions")
     parser.add_argument("--size", default="640x480", help="size of the images, px")
     parser.add_argument("--seconds", type=float, default=120.0, help="duration of publishing")
-    parser.add_argument("--best-effort", action="store_true", help="publish as sensor data")
     parser.add_argument("--everything", action="store_true", help="depth image and points, too")
     parser.add_argument("--disparity-only", action="store_true", help="subscribe to no images")
     parser.add_argument("-p", action="append", default=[], metavar="NAME:=VALUE", dest="given",
                         help="parameter of the node")
     parser.add_argument("--starts", type=int, default=0, help="number of starts to time instead")
     parser.add_argument("--cold", action="store_true", help="every start compiles all kernels")
-    parser.add_argument("--json", metavar="FILE", help="file for the numbers")
     options = parser.parse_args()
     use_one_thread()
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -92,12 +87,8 @@ def main() -> int:
     if options.starts:
         print_starts(options)
         return 0
-    report = run(options)
-    for name, value in report.items():
-        if not isinstance(value, list):
-            print(f"{name:38s} {value if isinstance(value, int | str) else f'{value:.2f}'}")
-    if options.json:
-        Path(options.json).write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    for name, value in run(options).items():
+        print(f"{name:38s} {value if isinstance(value, int | str) else f'{value:.2f}'}")
     return 0
 
 
@@ -165,17 +156,12 @@ def measure(node: NodeProcess, folder: Path, options: argparse.Namespace) -> dic
     while "ready after" not in (folder / "node.log").read_text(encoding="utf-8"):
         check(node, begin)
         time.sleep(0.1)
-    ready = memory(node.pid)
     listener, publisher = start_camera(folder, options)
-    history, load = watch(node.pid, publisher, listener)
+    load = watch(node.pid, publisher, listener)
     sent = json.loads(publisher.communicate()[0])
     time.sleep(1.5)
     listener.close()
-    return summarise(sent, listener, history) | load | {
-        "memory when ready (MiB)": ready["VmRSS"],
-        "peak memory (MiB)": memory(node.pid)["VmHWM"],
-        "memory over time (s, MiB)": history,
-    }
+    return summarise(sent, listener) | load
 
 
 def check(node: NodeProcess, begin: float) -> None:
@@ -199,8 +185,7 @@ def start_camera(
     listener = Listener(topics)
     publisher = subprocess.Popen(
         [sys.executable, "-m", "benchmarks.node_publisher", str(frame), "--rate",
-         str(options.rate), "--frames", str(round(options.rate * options.seconds)),
-         *(["--best-effort"] if options.best_effort else []), *more],
+         str(options.rate), "--frames", str(round(options.rate * options.seconds)), *more],
         stdout=subprocess.PIPE,
     )
     return listener, publisher
@@ -266,13 +251,6 @@ class Listener:
         })
 
 
-def memory(pid: int) -> dict[str, float]:
-    """Return resident memory of a process and its peak, MiB."""
-    lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
-    fields = dict(line.split(":", 1) for line in lines)
-    return {name: int(fields[name].split()[0]) / 1024 for name in ("VmRSS", "VmHWM")}
-
-
 def processor_time(pid: int) -> float:
     """Return the processor time of a process, s."""
     fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
@@ -281,25 +259,20 @@ def processor_time(pid: int) -> float:
 
 def watch(
     pid: int, publisher: subprocess.Popen[bytes], listener: Listener
-) -> tuple[list[tuple[float, float]], dict[str, float]]:
-    """Record memory from the first answer until the publisher ends, and the processor load."""
+) -> dict[str, float]:
+    """Return the processor load from the first answer until the publisher ends."""
     while not listener.answers and publisher.poll() is None:
         time.sleep(0.05)
     begin, worked, heard = time.monotonic(), processor_time(pid), len(listener.answers)
-    history = []
-    while publisher.poll() is None:
-        history.append((round(time.monotonic() - begin, 2), memory(pid)["VmRSS"]))
-        time.sleep(MEMORY_PERIOD)
+    publisher.wait()
     worked = processor_time(pid) - worked
-    return history, {
+    return {
         "processors busy with the node": worked / (time.monotonic() - begin),
         "processor time per answer (ms)": 1e3 * worked / max(len(listener.answers) - heard, 1),
     }
 
 
-def summarise(
-    sent: dict[str, int], listener: Listener, history: list[tuple[float, float]]
-) -> dict[str, Any]:
+def summarise(sent: dict[str, int], listener: Listener) -> dict[str, Any]:
     """Return the numbers by name."""
     latency = sorted(
         1e-6 * (arrival - stamp) for stamp, arrival in listener.answers.items()
@@ -310,7 +283,6 @@ def summarise(
     last = listener.diagnostics[-1]
     halfway = listener.diagnostics[len(listener.diagnostics) // 2]
     reliability = halfway["input"]["reliability of left/image_rect"]
-    settled = [size for moment, size in history if moment >= WARM_UP] or [history[-1][1]]
     return {
         "pairs sent": sent["sent"],
         "pairs sent late": sent["late"],
@@ -329,8 +301,6 @@ def summarise(
         "latency, median (ms)": statistics.median(latency),
         "latency, 95 % (ms)": float(np.quantile(latency, 0.95)),
         "latency, largest (ms)": latency[-1],
-        "memory growth after warm-up (MiB)": max(settled) - settled[0],
-        "latencies (ms)": [round(value, 2) for value in latency],
     }
 
 

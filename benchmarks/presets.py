@@ -3,7 +3,6 @@
 """Accuracy and time of the preset for small computers, compared with the default.
 
     python -m benchmarks.presets
-    python -m benchmarks.presets --try stereo.reduction=2 --try stereo.support_step=8
 
 Scenes with known disparity in simulated water, and real boards under water; each row has
 one change of the default parameters. Times are processor times of one thread on aloe,
@@ -23,7 +22,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from uw_visibility import Pipeline, PipelineConfig, StereoRig
@@ -51,32 +49,21 @@ COARSE: Parameters = {"stereo.support_step": 10}
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(
+    argparse.ArgumentParser(
         prog="python -m benchmarks.presets", description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument(
-        "--try", dest="tried", action="append", default=[], metavar="NAME=VALUE[,NAME=VALUE]",
-        help="another row",
-    )
-    parser.add_argument("--rounds", type=int, default=9, help="rounds of the timing")
-    parser.add_argument("--json", metavar="FILE", help="file for the rows")
-    options = parser.parse_args()
-    rows = compare(options.tried, options.rounds)
-    if options.json:
-        Path(options.json).write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    ).parse_args()
+    compare()
 
 
-def compare(tried: list[str], rounds: int) -> dict[str, dict[str, float]]:
-    """Measure the default, the presets and those of --try; print and return the rows."""
+def compare(rounds: int = 9) -> dict[str, dict[str, float]]:
+    """Measure the default and the presets; print and return the rows."""
     if not DATA.is_dir():
         print(f"\nno presets compared: there is no recorded data in {DATA}")
         return {}
     presets: dict[str, Parameters] = {
         "default": {}, "fast": read_yaml(FAST), "full size, coarse": COARSE,
     }
-    for text in tried:
-        presets[text] = dict(parse(part) for part in text.split(","))
     times = measure_times(presets, rounds)
     rows = {}
     for number, (name, parameters) in enumerate(presets.items()):
@@ -87,12 +74,6 @@ def compare(tried: list[str], rounds: int) -> dict[str, dict[str, float]]:
             print(f"\n{'preset':32s}" + "".join(f"{column:>11s}" for column in rows[name]))
         print(f"{name:32s}" + "".join(f"{v:11.3f}" for v in rows[name].values()), flush=True)
     return rows
-
-
-def parse(text: str) -> tuple[str, Any]:
-    """Return name and value of a parameter."""
-    name, _, value = text.partition("=")
-    return name, yaml.safe_load(value)
 
 
 def make_pipeline(rig: StereoRig, parameters: Parameters) -> Pipeline:
