@@ -34,9 +34,9 @@ def scene(tmp_path: Path) -> Path:
     far = np.where(np.isfinite(ranges), ranges, 1e3)[..., None]
     black = 0.3 * (1.0 - np.exp(-0.2 * far)) * np.ones(3)
     image = np.where(far < 1e3, surface * np.exp(-0.2 * far), 0.0) + black
-    arrays = {"image": image, "raw": image, "raw_black": black, "black": black, "surface": surface,
+    arrays = {"image": image, "raw": image, "raw_black": black, "surface": surface,
               "ranges": ranges, "reflectance": reflectance}
-    write_view(tmp_path, "left", arrays)
+    write_view(tmp_path, arrays)
     write_truth(tmp_path, truth_of(description, StereoCamera(120, 90, 100.0), 1.0, 16, arrays))
     return tmp_path
 

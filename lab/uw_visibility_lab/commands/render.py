@@ -26,10 +26,10 @@ trace: pip install -e 'lab[trace]'. With an LLVM library of version 16 or later
 
 EPILOG = """\
 in each folder:
-  left.png, right.png     linear, 16 bit (the right one with --stereo)
-  left.npz                ranges (m along the line of sight, NaN: open water), reflectance, black
-                          (the veil alone: surfaces are black), surface (radiance of the surfaces
-                          without water in front), raw and raw_black (before denoising)
+  left.png                linear, 16 bit
+  left.npz                ranges (m along the line of sight, NaN: open water), reflectance, surface
+                          (radiance of the surfaces without water in front), and before denoising
+                          raw and raw_black (the veil alone: surfaces are black)
   left_srgb.png           for display
   truth.json              written last: absorption, scattering, phase function, attenuation of
                           surfaces' light with its σ, veil (null if too little open water
@@ -42,7 +42,6 @@ OPTIONS: Options = {
     "--kinds KIND,...": ("boulders,reef", "kinds of scenes, in turn: boulders, reef"),
     "--size WxH": ("320x240", "width and height of an image, px"),
     "--samples N": (128, "paths for each pixel and channel"),
-    "--stereo": (False, "render the right view, too"),
     "--lamps N": (0, "lamps beside the camera, at night, instead of daylight"),
     "--threads N": (2, "number of threads"),
 }
@@ -79,5 +78,5 @@ def run(arguments: argparse.Namespace) -> None:
     for number, (name, description) in enumerate(scenes, 1):
         made = render_scene(
             arguments.output / name, description, (width, height), arguments.samples,
-            stereo=arguments.stereo, threads=arguments.threads)
+            arguments.threads)
         say(f"{number}/{len(scenes)} {name}: {'rendered' if made else 'complete already'}")

@@ -198,18 +198,17 @@ def scene_light(surface: Array, reflectance: Array, ranges: Array) -> Array:
     return np.asarray(np.median(surface[known] / reflectance[known], axis=0), float)
 
 
-def write_view(folder: Path, view: str, arrays: dict[str, Array]) -> None:
-    """Write a view: VIEW.png (16 bit, linear), VIEW.npz, and VIEW_srgb.png for display.
+def write_view(folder: Path, arrays: dict[str, Array]) -> None:
+    """Write a view: left.png (16 bit, linear), left.npz, and left_srgb.png for display.
 
-    view: left or right.
     arrays: image (H, W, 3), 0 .. 1; ranges (H, W), and further ones.
     """
     image = np.clip(arrays["image"], 0.0, 1.0)
-    write_png(folder / f"{view}.png", np.round(image * FULL).astype(np.uint16))
-    write_png(folder / f"{view}_srgb.png", from_linear(image, "srgb", np.uint8))
+    write_png(folder / "left.png", np.round(image * FULL).astype(np.uint16))
+    write_png(folder / "left_srgb.png", from_linear(image, "srgb", np.uint8))
     kept: dict[str, Any] = {
         name: np.asarray(a, np.float32) for name, a in arrays.items() if name != "image"}
-    np.savez_compressed(folder / f"{view}.npz", **kept)
+    np.savez_compressed(folder / "left.npz", **kept)
 
 
 def write_truth(folder: Path, truth: dict[str, Any]) -> None:
@@ -218,7 +217,7 @@ def write_truth(folder: Path, truth: dict[str, Any]) -> None:
 
 
 def load(folder: Path) -> Traced:
-    """Read the left view of a traced scene.
+    """Read a traced scene.
 
     Raises `InputError` if a file is missing or damaged.
     """

@@ -18,7 +18,6 @@ from uw_visibility_lab.simulation.phase_functions import HENYEY_GREENSTEIN, four
 from uw_visibility_lab.tracer import engine
 from uw_visibility_lab.tracer.files import TRUTH, exposure, truth_of, write_truth, write_view
 from uw_visibility_lab.tracer.scene import (
-    BASELINE,
     FIELD_OF_VIEW,
     Description,
     camera_of,
@@ -56,25 +55,21 @@ class Geometry:
 
 
 class Tracer:
-    """A scene in Mitsuba, for one view.
+    """A scene in Mitsuba.
 
     width, height: of the image, px.
-    view: left or right.
     Raises `InputError` if Mitsuba is not installed.
     """
 
     def __init__(
-        self, description: Description, width: int, height: int, view: str = "left",
-        threads: int = 2,
+        self, description: Description, width: int, height: int, threads: int = 2
     ) -> None:
         self.mi = engine.mitsuba(threads)
         self.description, self.width, self.height = description, width, height
         self.ground = ground_of(description)
-        self._view = view
         # Axes of the camera right, down and forward, as columns.
         self._rotation = description.pose.rotation()
-        self._left = np.array(description.pose.position)
-        self._eye = self._left + (BASELINE * self._rotation[:, 0] if view == "right" else 0.0)
+        self._eye = np.array(description.pose.position)
         self._scene = self.mi.load_dict(self._described())
         self._values = self.mi.traverse(self._scene)
 
@@ -107,8 +102,8 @@ class Tracer:
             self._dye(channel)
             self._paint(channel, black)
             # Every image has its own noise, which depends on the arguments only.
-            seed = ((self.description.seed * 3 + channel) * 4 + 2 * black + (not through_water)
-                    ) * 2 + (self._view == "right")
+            seed = 2 * (
+                (self.description.seed * 3 + channel) * 4 + 2 * black + (not through_water))
             name = "volpath" if through_water else "bare"
             image[..., channel] = self._traced(name, samples, seed + 1)[..., 0]
         return without_gaps(image)
@@ -186,7 +181,7 @@ class Tracer:
                     [1, 0, 0], 180).scale([reach, reach, 1.0]),
                 "emitter": {"type": "area", "radiance": 1.0}}
         for k, lamp in enumerate(given.lamps):
-            place, axis = self._left + self._rotation @ lamp.position, self._rotation @ lamp.axis
+            place, axis = self._eye + self._rotation @ lamp.position, self._rotation @ lamp.axis
             scene[f"lamp{k}"] = {
                 "type": "spot", "cutoff_angle": lamp.beam_angle / 2.0,
                 "beam_width": lamp.beam_angle / 4.0, "intensity": 1.0,
@@ -280,12 +275,6 @@ def integrator(mi: Any, name: str) -> Any:
     return mi.load_dict({"type": "bare"})
 
 
-def veil_guide(geometry: Geometry) -> Image:
-    """Return the guide of a veil, (H, W, 3): it falls with range from 1 to 0 in open water."""
-    far = np.where(np.isfinite(geometry.ranges), geometry.ranges, np.inf)
-    return np.repeat(np.exp(-0.3 * far)[..., None], 3, axis=-1)
-
-
 def image_guide(surface: Image, geometry: Geometry, description: Description) -> Image:
     """Return the guide of an image in water: the surfaces' unscattered light.
 
@@ -302,47 +291,31 @@ def image_guide(surface: Image, geometry: Geometry, description: Description) ->
 
 
 def render_scene(
-    folder: Path, description: Description, size: tuple[int, int], samples: int, *,
-    stereo: bool = False, threads: int = 2,
+    folder: Path, description: Description, size: tuple[int, int], samples: int, threads: int = 2
 ) -> bool:
     """Render a scene into a folder, unless it is complete already.
 
     folder: made if missing.
     size: width and height, px.
     samples: paths for each pixel and channel.
-    stereo: also the right view.
     Returns whether it was rendered.
     """
     if (folder / TRUTH).exists():
         return False
     folder.mkdir(parents=True, exist_ok=True)
-    left, gain = _view(description, size, samples, "left", None, threads)
-    write_view(folder, "left", left)
-    if stereo:
-        # Both cameras have the same exposure.
-        right, _ = _view(description, size, samples, "right", gain, threads)
-        write_view(folder, "right", right)
-    write_truth(folder, truth_of(
-        description, camera_of(*size), gain, samples, left))
-    return True
-
-
-def _view(
-    description: Description, size: tuple[int, int], samples: int, view: str,
-    gain: float | None, threads: int,
-) -> tuple[dict[str, Array], float]:
-    """Return a view's arrays and its gain: the given one, or else `exposure` of its image."""
-    tracer = Tracer(description, *size, view, threads)
+    tracer = Tracer(description, *size, threads)
     geometry = tracer.geometry()
     raw = tracer.radiance(samples)
     fewer = max(samples // AUXILIARY, 1)
     raw_black = tracer.radiance(fewer, black=True)
-    black = engine.denoise(raw_black, veil_guide(geometry))
     surface = engine.denoise(
         tracer.radiance(fewer, through_water=False), geometry.reflectance, geometry.normals)
     image = engine.denoise(raw, image_guide(surface, geometry, description))
-    gain = exposure(image) if gain is None else gain
-    return {
+    gain = exposure(image)
+    arrays: dict[str, Array] = {
         "image": np.asarray(image * gain, np.float32), "raw": raw * gain,
-        "raw_black": raw_black * gain, "black": black * gain, "surface": surface * gain,
-        "ranges": geometry.ranges, "reflectance": geometry.reflectance}, gain
+        "raw_black": raw_black * gain, "surface": surface * gain, "ranges": geometry.ranges,
+        "reflectance": geometry.reflectance}
+    write_view(folder, arrays)
+    write_truth(folder, truth_of(description, camera_of(*size), gain, samples, arrays))
+    return True
