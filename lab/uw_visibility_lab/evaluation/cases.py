@@ -21,18 +21,15 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.enhancement.radiance import RestorationWater, Restorer
 from uw_visibility.errors import InputError
-from uw_visibility.images.arrays import Array, DisparityMap, Image8, Map, RangeMap
+from uw_visibility.images.arrays import Array, Image8, Map, RangeMap
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.optics.light_model import contrast_gain, radiance_of, transmission
 from uw_visibility.optics.transfer import from_linear, to_linear
-from uw_visibility.pipeline.first_step import CoarseEstimate, FirstStep, Scale
+from uw_visibility.pipeline.first_step import FirstStep
 from uw_visibility.pipeline.lamps import Estimators
 from uw_visibility.pipeline.parts import estimate_water
 from uw_visibility.pipeline.pipeline import Pipeline
 from uw_visibility.pipeline.result import StageClock
-from uw_visibility.pipeline.second_step import SecondStep
-from uw_visibility.status import Status
-from uw_visibility.stereo.codec_noise import with_codec_noise
 from uw_visibility.stereo.pyramid import Pyramid
 from uw_visibility.water.estimate import WaterEstimate
 from uw_visibility.water.meaning.assessment import Assessor
@@ -59,7 +56,6 @@ MATCHES = {
     "oracle_sgbm": "SGBM after the oracle",
     "ours_raw": "ours, raw pair",
     "ours": "ours, enhanced pair",
-    "oracle_ours": "ours, true water and ranges",
 }
 """Disparity maps, by their names in tables."""
 
@@ -166,7 +162,6 @@ def evaluate_case(case: Case, config: PipelineConfig) -> CaseResult:
         "clahe_sgbm": baselines.equalised_matching(left, right, count),
         "oracle_sgbm": baselines.semi_global_matching(oracle_left, oracle_right, count),
         "ours_raw": nothing, "ours": nothing,
-        "oracle_ours": match_with_truth(left, right, filled[0], truth, pipeline),
     }
     exact_range = scene.rig.range_from_disparity(scene.disparity_left)
 
@@ -259,30 +254,6 @@ def first_enhancement(
         first.water.attenuation, first.water.ambient_light, first.water.scene_light)
     enhanced, _ = Restorer(config.enhancement, transfer, workers).restore(left, ranges, water)
     return np.asarray(enhanced)
-
-
-def match_with_truth(
-    left: Image8,
-    right: Image8,
-    disparity: DisparityMap,
-    truth: Truth,
-    pipeline: Pipeline,
-) -> DisparityMap:
-    """Match a pair as step 2 does, with the true water and disparity (without holes, px)."""
-    rig, config = pipeline.rig, pipeline.config
-    transfer = config.camera.transfer
-    views = StereoViews(View.of(left, transfer), View.of(right, transfer))
-    shape, workers = views.left.shape, Workers(config.threads)
-    step = SecondStep(shape, rig, config, workers)
-    water = WaterEstimate(
-        Status.OK, np.array(truth.attenuation), np.array(truth.ambient_light),
-        np.zeros((6, 6)), 0, 0, (Status.OK,) * 3,
-    )
-    scale = Scale(config.stereo.reduction, shape, rig, config, workers, config.stereo.matcher)
-    scale.matcher.describe_raw(scale.contrast, *scale.downsample(views))
-    raw = scale.pyramid.upsample_points(scale.matcher.support_points().points)
-    known = CoarseEstimate(water, raw, disparity, rig, views.left, np.ones(3), 1.0)
-    return step.run(with_codec_noise(views, raw), known, StageClock()).disparity
 
 
 def _oracle(image: Image8, range_map: Map, truth: Truth) -> Image8:

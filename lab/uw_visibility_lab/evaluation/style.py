@@ -29,13 +29,13 @@ Style = dict[str, Any]
 def _styles(
     titles: dict[str, str], *lines: tuple[str, str, str] | tuple[str, str, str, str]
 ) -> dict[str, Style]:
-    """Return the styles of the methods in `titles`, from name, colour, marker and line style."""
+    """Return the styles of methods with `titles`, from name, colour, marker and line style."""
     return {
         name: {
             "label": titles[name], "color": colour, "marker": marker,
             "linestyle": line[0] if line else "-", "markersize": 5.0, "linewidth": 1.6,
         }
-        for name, colour, marker, *line in lines if name in titles
+        for name, colour, marker, *line in lines
     }
 
 
@@ -45,7 +45,7 @@ READING_STYLES = _styles(
 )
 MATCH_STYLES = _styles(
     MATCHES, ("sgbm", INPUT, "^"), ("clahe_sgbm", CLAHE, "v"), ("oracle_sgbm", ORACLE, "D", ":"),
-    ("ours_raw", OURS_BEFORE, "s"), ("ours", OURS, "o"), ("oracle_ours", OURS, "x", ":"),
+    ("ours_raw", OURS_BEFORE, "s"), ("ours", OURS, "o"),
 )
 IMAGE_STYLES = _styles(
     IMAGES, ("degraded", INPUT, "^"), ("histogram", HISTOGRAM, "P"), ("clahe", CLAHE, "v"),
