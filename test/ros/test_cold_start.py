@@ -23,7 +23,7 @@ def test_says_that_it_compiles_and_how_far_it_is(
     first = client.diagnosed("pipeline", "the pipeline is being compiled, ").message
     client.wait(lambda: client.diagnosis("pipeline").message != first, "another count", 100.0)
     counts = [
-        re.search(r"is being compiled, (\d+) kernels so far$", message)
+        re.search(r"is being compiled, kernels so far: (\d+)$", message)
         for message in (first, client.diagnosis("pipeline").message)
     ]
     assert all(counts) and int(counts[0][1]) < int(counts[1][1]), counts

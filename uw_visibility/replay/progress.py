@@ -81,7 +81,7 @@ def compiling() -> Iterator[None]:
             compiled, now = counts.compiled - before, time.monotonic()
             if compiled > 0 and now - told >= PERIOD:
                 told = now
-                say(f"compiling: {compiled} kernels so far", error=True)
+                say(f"compiling, kernels so far: {compiled}", error=True)
 
     watcher = threading.Thread(target=watch, daemon=True)
     watcher.start()

@@ -457,7 +457,7 @@ class PipelineState:
     def obstacle(self) -> str:
         """Return the reason why no frame is processed, or ""."""
         if not self.ready:
-            return f"the pipeline is being compiled, {counts.compiled} kernels so far"
+            return f"the pipeline is being compiled, kernels so far: {counts.compiled}"
         with self._lock:
             busy = min(self._begun, default=math.inf)
         if time.monotonic() - busy > SILENCE:

@@ -310,7 +310,7 @@ def test_compiling_is_told_long_before_the_first_period_is_over(
         while "\n" not in told.getvalue():
             sleep(0.01)
         sleep(0.05)
-    assert told.getvalue() == "compiling: 7 kernels so far\n"
+    assert told.getvalue() == "compiling, kernels so far: 7\n"
 
 
 def test_long_compiling_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -321,7 +321,8 @@ def test_long_compiling_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     with progress.compiling():
         monkeypatch.setattr(counts, "compiled", counts.compiled + 7)
         while not all(
-            line in told.getvalue() for line in ("7 kernels so far", "dive: no frame is done yet")
+            line in told.getvalue()
+            for line in ("kernels so far: 7\n", "dive: no frame is done yet")
         ):
             sleep(0.01)
     shown.close()
