@@ -185,6 +185,13 @@ def test_region_of_interest_and_binning_move_the_calibration() -> None:
         right_info(p=[FOCAL, 0, CENTRE[0], -1.0, 0, FOCAL, CENTRE[1], -48.0, 0, 0, 1, 0]),
         "vertical pair",
     ),
+    (
+        camera_info(),
+        right_info(p=[FOCAL, 0, CENTRE[0], 0, 0, FOCAL, CENTRE[1], -48.0, 0, 0, 1, 0]),
+        "vertical pair",
+    ),
+    # The baseline itself in the place of the focal length times it.
+    (camera_info(), camera_info(tx=-0.12), r"too small for two cameras: .* P\[0, 3\]"),
 ])
 def test_calibrations_that_cannot_be_used_are_named(left: Any, right: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):

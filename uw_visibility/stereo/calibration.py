@@ -161,15 +161,15 @@ def check_rectified(p1: Array, p2: Array) -> None:
             f"P[0, 3] of the left camera is {p1[0, 3]:g}, expected is 0: give the left camera of "
             "the pair"
         )
-    if p2[0, 3] == 0.0:
-        raise InputError(
-            "P[0, 3] of the right camera is 0, so the baseline is 0: "
-            "calibrate the two cameras as a stereo pair"
-        )
     if abs(p2[1, 3]) > RELATIVE_TOLERANCE * abs(p2[0, 3]):
         raise InputError(
             f"P[1, 3] of the right camera is {p2[1, 3]:g}, a vertical pair: "
             "only horizontal pairs can be used"
+        )
+    if p2[0, 3] == 0.0:
+        raise InputError(
+            "P[0, 3] of the right camera is 0, so the baseline is 0: "
+            "calibrate the two cameras as a stereo pair"
         )
     same_focal_length = np.allclose(
         p1[[0, 1], [0, 1]], p2[[0, 1], [0, 1]], rtol=RELATIVE_TOLERANCE, atol=0.0

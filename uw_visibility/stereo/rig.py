@@ -27,6 +27,8 @@ LARGEST = 1e6
 WIDEST = 11.4
 # Largest baseline, m; a larger number is probably in mm.
 LARGEST_BASELINE = 10.0
+# Smallest baseline, m; no lenses are closer. A smaller number is probably over the focal length.
+SMALLEST_BASELINE = 0.001
 
 DISPARITY_STDDEV = 0.3
 """Standard deviation of a matched disparity, px."""
@@ -68,6 +70,11 @@ class StereoRig:
             raise InputError(
                 f"baseline is {self.baseline:g} m, probably {self.baseline:g} mm: give it in m, up "
                 f"to {LARGEST_BASELINE:g}"
+            )
+        if self.baseline < SMALLEST_BASELINE:
+            raise InputError(
+                f"baseline is {self.baseline:g} m, too small for two cameras: give it in m; "
+                "P[0, 3] of the right camera is -f * baseline, f in px"
             )
         if self.focal_length_y is not None:
             _check_positive("vertical focal length", self.focal_length_y, "px")
