@@ -154,7 +154,10 @@ def test_the_transfer_of_the_command_line_goes_before_that_of_the_file(
     for name, words in (("none", ()), ("file", ("--params-file", str(params))), (
             "line", ("--params-file", str(params), "--transfer", "srgb"))):
         assert main(["enhance", *pair, *NUMBERS, *words, "-o", str(tmp_path / name)]) == 0
-        told.append(capsys.readouterr().out)
+        said = capsys.readouterr()
+        told.append(said.out)
+        overridden = f"--transfer srgb is used, not the linear of {params}" in said.err
+        assert overridden is (name == "line")
     assert "transfer linear (assumed; --transfer srgb for video)" in told[0]
     assert "transfer linear, white at the surface 1 : 0.8 : 0.6, " in told[1]
     assert "transfer srgb, " in told[2]
@@ -226,7 +229,9 @@ def test_swapped_images_are_refused(refused: Callable[..., str], pair: tuple[str
     assert "left and right" in refused(right, left, *NUMBERS)
 
 
-def test_calibration_and_numbers_say_the_same(tmp_path: Path, pair: tuple[str, str]) -> None:
+def test_calibration_and_numbers_say_the_same(
+    tmp_path: Path, pair: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
     p1 = [[400.0, 0, 80, 0], [0, 400.0, 60, 0], [0, 0, 1, 0]]
     p2 = [[400.0, 0, 80, -48.0], [0, 400.0, 60, 0], [0, 0, 1, 0]]
     (tmp_path / "pair.json").write_text(json.dumps({"P1": p1, "P2": p2}), encoding="utf-8")
@@ -251,6 +256,10 @@ def test_calibration_and_numbers_say_the_same(tmp_path: Path, pair: tuple[str, s
         out = tmp_path / f"out{number}"
         assert main(["enhance", *way, "-o", str(out)]) == 0
         ranges.append(read(out / "range.pfm"))
+        told = (
+            f"{both} has no width and height: taken for images of 160x120 pixels, as these are, "
+            "whose middle should be near its principal point, 80 60")
+        assert (told in capsys.readouterr().err) is (both in way)
     for other in ranges[1:]:
         np.testing.assert_array_equal(other, ranges[0])
 

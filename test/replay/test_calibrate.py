@@ -111,17 +111,21 @@ def test_without_output_the_file_is_printed_and_nothing_else(
     path = tmp_path / "piped.yaml"
     # Nothing is taken from what is to be found, however wrong it is and however trusted.
     path.write_text(yaml.safe_dump({"/**": {"ros__parameters": {
-        "camera.white_reference": [1.0, 0.5, 1.5], "water.daylight_tolerance": 0.01}}}))
+        "camera.white_reference": [1.0, 0.5, 1.5], "water.daylight_tolerance": 0.01,
+        "camera.transfer": "srgb"}}}))
     bag = shutil.copytree(dive, tmp_path / "bag")
     shortened(bag / "dive.mcap", 0.97)
     command = ["calibrate", str(bag), "--jobs", "1", "--params-file", str(path)]
-    assert main(command) == 0
+    assert main([*command, "--transfer", "linear"]) == 0
     assert [r.pipeline.water.daylight_tolerance for r in used] == [NOTHING_EXPECTED]
     printed = capsys.readouterr()
     path.write_text(printed.out)
     values = read_yaml(path)
     assert set(values) == {
-        "camera.white_reference", "assessment.water_type", "water.daylight_tolerance"}
+        "camera.white_reference", "assessment.water_type", "water.daylight_tolerance",
+        "camera.transfer"}
+    assert values["camera.transfer"] == "linear"
+    assert printed.err.count(f"--transfer linear is used, not the srgb of {path}") == 1
     np.testing.assert_allclose(values["camera.white_reference"], 1.0, rtol=0.12)
     assert "water type" in printed.err
     assert "warning: " in printed.err and "damaged" in printed.err

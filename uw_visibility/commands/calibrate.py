@@ -126,7 +126,7 @@ def _write(
     from uw_visibility.config.parameters import render_values
 
     names = printable(", ".join(bag.resolve().name for bag in arguments.bags))
-    given = read_params_file(arguments.params_file, arguments.transfer)
+    given = read_params_file(arguments.params_file, arguments.transfer, quiet=True)
     text = render_values(given | parameters, f"{what}, of {names}: {how}")
     # Standard output holds the file only.
     print(told, file=sys.stderr if arguments.output is None else sys.stdout)

@@ -37,6 +37,9 @@ COLOURS = ("red", "green", "blue")
 TURNED = (
     "{} is turned by viewers (EXIF orientation), but used as stored: give the calibration, and "
     "left and right, of the stored pixels, or turn the pixels first")
+UNSIZED = (
+    "calibration {} has no width and height: taken for images of {}x{} pixels, as these are, whose "
+    "middle should be near its principal point, {:g} {:g}")
 LOSSY = (".jpg", ".jpeg")
 
 HELP = "one pair from files"
@@ -156,6 +159,8 @@ def _make_rig(arguments: argparse.Namespace, shape: tuple[int, ...]) -> StereoRi
     if files:
         rig, size = read_rig(files)
         width, height = size or (shape[1], shape[0])
+        if size is None:
+            say(UNSIZED.format(files[0], width, height, *rig.principal_point), error=True)
         if (width, height) != (shape[1], shape[0]):
             raise InputError(
                 f"calibration {files[0]} is for images of {width}x{height} pixels, "
