@@ -189,6 +189,26 @@ def test_a_pair_whose_calibration_is_off_by_rows_is_refused(
             coarse_estimate(left, right)
 
 
+@pytest.mark.parametrize(
+    ("roll", "scale", "off"),
+    [(0.2, 1.0, False), (-0.2, 1.0, False), (0.0, 1.005, False), (1.2, 1.0, True),
+     (-1.2, 1.0, True), (0.0, 0.96, True), (0.0, 1.04, True)],
+)
+def test_a_camera_that_is_rolled_or_has_another_focal_length_is_refused(
+    frame: RenderedFrame, roll: float, scale: float, off: bool
+) -> None:
+    """Rows of the middle correspond, those at the borders are 4 to 8 px apart."""
+    height, width = frame.right.shape[:2]
+    turn = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), roll, scale)
+    right = cv2.warpAffine(
+        frame.right, turn, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    if off:
+        with pytest.raises(InputError, match="rows of the left and right image do not correspond"):
+            coarse_estimate(frame.left, right)
+    else:
+        assert coarse_estimate(frame.left, right).coverage > 0.5
+
+
 def test_a_small_thing_in_open_water_is_no_chance(frame: RenderedFrame) -> None:
     random = np.random.default_rng(0)
     left, right = (

@@ -43,8 +43,9 @@ _FEWEST_DISPARITIES = 24
 # of pairs of different images or with noise on one side.
 _EXCHANGED_RATIO = 2.0
 # Rows of the images do not correspond if more than this ratio of the matches is found with one
-# image moved by so many rows, px. It is 0.3 to 1.0 for real, rendered and Middlebury pairs in clear
-# and turbid water and in noise, 0.6 to 1.3 with rows 1 px apart, mostly 1.3 to 3 with 2 px.
+# image moved by so many rows, px, or turned or scaled by as many on average. It is 0.3 to 1.0 for
+# real, rendered and Middlebury pairs in clear and turbid water and in noise, 0.6 to 1.3 with rows
+# 1 px apart, mostly 1.3 to 3 with 2 px.
 _MOVED_RATIO, _ROWS_APART = 1.3, 2
 # Support points that cover less than `_SPARSE` of the grid are by chance if as many are consistent
 # in wrong places: with images swapped, and with one moved by `_OTHER_ROWS`, px of the reduced
@@ -201,12 +202,12 @@ class FirstStep:
                 "the images match with negative disparities only: exchange left and right")
         rows = max(_ROWS_APART // self._pyramid.factor, 1)
         if not useless and (
-            self._matcher.moved_ratio(rows, consistent=sparse) > _MOVED_RATIO * least
+            self._matcher.moved_ratio(rows, consistent=sparse, turned=True) > _MOVED_RATIO * least
         ):
             raise InputError(
-                "rows of the left and right image do not correspond: more pixels match with one "
-                f"image moved by {rows * self._pyramid.factor} px. Calibrate the pair again, or "
-                "rectify it")
+                "rows of the left and right image do not correspond: more pixels match with those "
+                f"of one moved by {rows * self._pyramid.factor} px on average. Calibrate the pair "
+                "again, or rectify it")
         return math.sqrt(swapped * elsewhere) > _CHANCE_RATIO
 
 

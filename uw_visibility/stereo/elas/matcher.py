@@ -152,16 +152,31 @@ class Matcher:
         """Consistent matches of the described pair with its images swapped, over those in order."""
         return self._support.ratio(*self._descriptors[::-1], consistent=True)
 
-    def moved_ratio(self, rows: int, *, consistent: bool) -> float:
+    def moved_ratio(self, rows: int, *, consistent: bool, turned: bool = False) -> float:
         """Matches of the described pair with one image moved by rows, over those in place.
 
-        That of the direction in which more match; `consistent`: see `SupportGrid.ratio`.
+        That of the direction in which more match; `consistent`: see `SupportGrid.ratio`. If
+        `turned`, the image is also turned and scaled, so that its rows move as far on average.
         """
+        height, width = self._shape
+        at = np.arange(height)[:, np.newaxis]
+        moves = [np.full((1, 1), rows, np.intp)]
+        if turned:
+            moves += [
+                np.rint(np.linspace(-2 * rows, 2 * rows, n)).astype(np.intp).reshape(shape)
+                for n, shape in ((width, (1, -1)), (height, (-1, 1)))]
         left, right = self._descriptors
-        moved = rows * self._shape[1] * BYTES
-        return max(
-            self._support.ratio(left, np.roll(right, by), consistent=consistent)
-            for by in (-moved, moved))
+        # One item for each pixel.
+        pixels = right.view(f"V{BYTES}").reshape(self._shape)
+
+        def ratio(move: NDArray[np.intp]) -> float:
+            source = (at + move) % height
+            whole = source.shape[1] == 1
+            moved = pixels[source[:, 0]] if whole else np.take_along_axis(pixels, source, axis=0)
+            return self._support.ratio(
+                left, moved.reshape(-1).view(np.uint8), consistent=consistent)
+
+        return max(ratio(move) for each in moves for move in (-each, each))
 
     def coarse_disparity(self, support: SupportPoints) -> DisparityMap:
         """Return the mesh of the support points as an image, px; NaN outside the mesh."""
