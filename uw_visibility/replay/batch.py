@@ -100,14 +100,13 @@ def settle(
     targets: Mapping[Place, Place], outcomes: Sequence[Summary | InputError]
 ) -> list[Summary]:
     """Return a summary for each recording; if all failed, raise the first error."""
-    summaries = []
-    for (bag, target), outcome in zip(targets.items(), outcomes, strict=True):
-        if isinstance(outcome, InputError):
-            if all(isinstance(other, InputError) for other in outcomes):
-                raise outcome
-            outcome = Summary(str(bag), str(target), error=str(outcome))
-        summaries.append(outcome)
-    return summaries
+    errors = [outcome for outcome in outcomes if isinstance(outcome, InputError)]
+    if errors and len(errors) == len(outcomes):
+        raise errors[0]
+    return [
+        outcome if isinstance(outcome, Summary)
+        else Summary(str(bag), str(target), error=str(outcome))
+        for (bag, target), outcome in zip(targets.items(), outcomes, strict=True)]
 
 
 def _replay(
