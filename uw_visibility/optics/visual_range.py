@@ -33,7 +33,7 @@ SECCHI_DISK_REFLECTANCE = 0.14
 SECCHI_CONTRAST = 0.013
 """Least difference of reflectance that an eye sees at the disk, 1/sr."""
 SECCHI_DEVIATION = 0.18
-"""Its relative standard deviation: mean absolute difference from 338 measurements (the same)."""
+"""Relative deviation of `secchi_depth`: mean absolute difference from 338 measurements (same)."""
 
 
 def black_disc_visibility(beam_attenuation: ArrayLike) -> Array:
