@@ -93,6 +93,15 @@ def test_a_hand_is_left_out_at_the_size_of_the_images(frame: RenderedFrame) -> N
     assert coarse.view.valid[:, :250].all()
 
 
+def test_a_dead_part_of_one_camera_leaves_the_rest_its_matches() -> None:
+    turbid = ReefView(CAMERA, water=Water(0.6, 3.0)).frame()
+    left = turbid.left.copy()
+    left[:, :64] = 0
+    whole, rest = (
+        len(coarse_estimate(image, turbid.right).points) for image in (turbid.left, left))
+    assert rest > 0.8 * whole > 300
+
+
 def test_a_mask_stays_where_nothing_is_in_the_way(frame: RenderedFrame) -> None:
     mask = np.ones((362, 644), bool)
     mask[:, :40] = False

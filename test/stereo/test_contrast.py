@@ -31,6 +31,17 @@ def test_a_weak_contrast_is_stretched_to_eight_bits():
     assert contrast.gain.max() * span == pytest.approx(255, rel=0.01)
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_what_an_image_does_not_show_leaves_the_rest_its_gain(dtype):
+    """As the border of a rectified image, or a dead part of one camera's sensor."""
+    unit = 1 if dtype == np.uint8 else 257
+    image = np.random.default_rng(0).integers(100, 140, (*SHAPE, 3)).astype(dtype) * dtype(unit)
+    whole = stretched(image).gain.max()
+    image[:, :40] = 0
+    assert stretched(image).gain.max() == pytest.approx(whole, rel=0.05)
+    assert stretched(np.zeros_like(image)).gain.max() * 256 <= 16
+
+
 def test_the_gain_of_an_image_without_contrast_stays_limited():
     contrast = stretched(np.full((*SHAPE, 3), 128, np.uint8))
     assert contrast.gain.max() * 256 <= 16

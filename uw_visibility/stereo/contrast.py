@@ -134,7 +134,11 @@ class ContrastNormalizer:
     def _raw_gain(self, image: Image) -> float:
         """Gain that stretches the contrast of the grey image, limited because of noise."""
         # Every fourth pixel of every fourth row is enough.
-        low, high = np.percentile(self.grey[::4, ::4], (100 * _OUTSIDE, 100 * (1 - _OUTSIDE)))
+        sample = self.grey[::4, ::4]
+        high = np.percentile(sample, 100 * (1 - _OUTSIDE))
+        # Black is what a rectified image does not show, a housing's edge, or a dead part.
+        lit = sample[sample > 0]
+        low = np.percentile(lit, 100 * _OUTSIDE) if lit.size else high
         return float(min(255.0 / max(high - low, 1.0), self._max_gain(image) / _FINE))
 
     def _set_gain(self, table: Array, farthest: float, range_map: RangeMap) -> None:

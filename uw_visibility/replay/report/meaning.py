@@ -41,7 +41,8 @@ MEANINGS: dict[str, str] = {
     Status.NO_WATER_TYPE: "No Jerlov type attenuates the three channels in these proportions.",
     Status.WATER_TYPE_UNCERTAIN: "Several Jerlov types fit the attenuation about equally well.",
     Status.LIT_BY_LAMPS: "Near objects are brighter than far ones, as under lamps, but no lamps "
-    "are configured. By day a white board held before dark ground can look the same.",
+    "are configured. By day a white board held before dark ground, or an image of which a part is "
+    "black, can look the same.",
     Status.LIGHT_UNCERTAIN: "The probability that lamps light the scene, though none are "
     "configured, is between 3 and 50 % (with lighting.model auto between 10 and 90 %). Under "
     "lamps an estimate for daylight would be wrong.",
@@ -88,7 +89,7 @@ REMEDIES: dict[str, str] = {
     Status.WATER_TYPE_UNCERTAIN: "Use the attenuation itself, or more frames together.",
     Status.LIT_BY_LAMPS: "Set lighting.model to lamps, or to both if there is daylight too, and "
     "lighting.positions to the lamps' positions. Without lamps, keep bright objects out of the "
-    "foreground.",
+    "foreground, and the housing's edge out of view.",
     Status.LIGHT_UNCERTAIN: "By day have some open water in view; with lamps on set "
     "lighting.model to lamps or both, and lighting.positions.",
     Status.LEFT_TO_STEP_2: "Nothing: look at the result of step 2.",
