@@ -37,20 +37,15 @@ def __getattr__(name: str) -> Any:
     the start of ROS do without: the wheels of rclpy restart the interpreter.
     """
     if name == "__version__":
-        value = _version()
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            value = version(__name__)
+        except PackageNotFoundError:
+            value = "unknown"
     elif name in _HOMES:
         value = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = value
     return value
-
-
-def _version() -> str:
-    """Return the version of the installed package, or "unknown" if it is not installed."""
-    import importlib.metadata
-
-    try:
-        return importlib.metadata.version(__name__)
-    except importlib.metadata.PackageNotFoundError:
-        return "unknown"
