@@ -129,7 +129,7 @@ def read(
                 log.warning("frame %d: %s", event.number, error)
                 continue
             yield ReplayedFrame(
-                event.number, event.stamp, event.time, result, filtered, messages
+                event.number, event.parts.stamp, event.time, result, filtered, messages
             )
         for note in reader.damage:
             log.warning("%s", note)

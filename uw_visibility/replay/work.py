@@ -103,7 +103,8 @@ class RecordingProcessor:
             asked.append(True)
             return task.known_water
 
-        record = FrameRecord(frame.number, frame.stamp, frame.right_stamp, frame.time)
+        record = FrameRecord(
+            frame.number, frame.parts.stamp, frame.parts.right_stamp, frame.time)
         try:
             work, result = self._assess(frame, task.known_light, known)
             messages = [

@@ -39,20 +39,13 @@ class RecordedFrame(NamedTuple):
 
     number: int  # among all frames of the recording (from `start` on)
     time: int  # time at which the left image was received, ns
-    # stamp, right_stamp: stamps of the images, ns
-    stamp: int
-    right_stamp: int
-    left: Recorded
-    right: Recorded
-    left_info: Any
-    right_info: Any
+    parts: SynchronizedFrame  # the images are `Recorded`
 
     def messages(self, decode: Callable[[Recorded], Any]) -> StereoFrame:
         """Return images and CameraInfo as decoded messages."""
+        _, _, *messages = self.parts
         return StereoFrame(*(
-            decode(part) if isinstance(part, Recorded) else part
-            for part in (self.left, self.right, self.left_info, self.right_info)
-        ))
+            decode(part) if isinstance(part, Recorded) else part for part in messages))
 
 
 class SensorValue(NamedTuple):
@@ -256,7 +249,7 @@ class InputStream:
             number = self.frames
             self.frames += 1
             if number % self._options.every == 0:
-                yield RecordedFrame(number, synchronized.left.time, *synchronized)
+                yield RecordedFrame(number, synchronized.left.time, synchronized)
 
     def _sensor(self, message: Recorded) -> Iterator[Event]:
         try:
