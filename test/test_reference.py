@@ -132,7 +132,7 @@ def listed() -> list[str]:
     for line in written("api.rst").splitlines():
         if line.startswith(".. currentmodule:: "):
             module = line.removeprefix(".. currentmodule:: ")
-        found = re.match(r"\.\. auto(?:class|function|data):: ([\w.]+)", line)
+        found = re.match(r"\.\. auto(?:class|function|data|exception):: ([\w.]+)", line)
         if found:
             name = found.group(1)
             names.append(name if name.startswith("uw_visibility") else f"{module}.{name}")

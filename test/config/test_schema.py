@@ -109,11 +109,6 @@ def test_the_pipeline_accepts_and_ignores_the_nodes_parameters() -> None:
     assert NodeConfig.from_parameters({"rectify": True, "threads": 1}).rectify
 
 
-def test_an_unknown_parameter_is_refused_with_the_nearest_name() -> None:
-    with pytest.raises(InputError, match=r"stereo\.max_disparty.*stereo\.max_disparity"):
-        PipelineConfig.from_parameters({"stereo.max_disparty": 96})
-
-
 @pytest.mark.parametrize(("gone", "near"), [
     ("warn_after", "warn_interval"), ("error_after", "error_interval"), ("bias_window", ""),
 ])

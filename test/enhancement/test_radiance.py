@@ -9,7 +9,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scenes import in_water, restored_water
 
-from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import EnhancementConfig
 from uw_visibility.enhancement.grain import find_grain
 from uw_visibility.enhancement.radiance import RestorationWater, Restorer
@@ -196,15 +195,6 @@ def test_misfits_are_refused() -> None:
         Restorer().restore(image, distance[:3], WATER)
     with pytest.raises(InputError, match="8 or 16 bit"):
         Restorer().restore(image.astype(np.int32), distance, WATER)
-
-
-def test_same_bits_for_any_number_of_threads() -> None:
-    radiance, distance = scene(4)
-    image = seen(radiance, distance, "linear", np.uint8)
-    one = Restorer(workers=Workers(1)).restore(image, distance, WATER)
-    three = Restorer(workers=Workers(3)).restore(image, distance, WATER)
-    np.testing.assert_array_equal(one[0], three[0])
-    np.testing.assert_array_equal(one[1], three[1])
 
 
 def test_noise_limits_the_gain_and_the_result_keeps_to_it() -> None:

@@ -75,12 +75,6 @@ def test_mosaic_that_its_publisher_interpolated_is_colour() -> None:
     np.testing.assert_allclose(pixels.astype(int), RGB, atol=8)
 
 
-def test_padding_after_the_end_does_no_harm() -> None:
-    whole = message("jpeg", GREY, ".jpg")
-    whole.data += bytes(100) + b"rest"
-    assert read_compressed(whole)[0].shape == GREY.shape
-
-
 @pytest.mark.parametrize("codec", [".jpg", ".png"])
 @pytest.mark.parametrize("share", [0.3, 0.9])
 def test_truncated_image_is_refused_not_filled_with_grey(codec: str, share: float) -> None:

@@ -25,7 +25,6 @@ from uw_visibility.messages.outputs import (
     all_topics,
     each_message,
     enhanced_sides,
-    points,
 )
 from uw_visibility.pipeline.result import EnhancedImages, FrameResult, StereoResult
 from uw_visibility.status import Status
@@ -248,12 +247,6 @@ def test_valid_window_leaves_out_columns_without_a_partner(make: MessageFactory)
     assert (roi.x_offset, roi.width) == (8, WIDTH - 8)
 
 
-def test_nothing_matched_is_a_disparity_without_valid_pixels(make: MessageFactory) -> None:
-    nothing = np.full((HEIGHT, WIDTH), np.nan, np.float32)
-    message = build(make, result(disparity=nothing))["disparity"]
-    assert (disparities(message) == message.min_disparity - 1).all()
-
-
 def test_visibility_distance(make: MessageFactory) -> None:
     message = build(make)["visibility/distance"]
     assert head(message) == (7, 250, "left_camera")
@@ -469,13 +462,12 @@ MASKS = arrays(np.bool_, SHAPE)
 
 
 def source_of(
-    disparity: np.ndarray, offset: float = 0.0, least: int = 0, valid: np.ndarray | None = None,
-    colours: np.ndarray = LEFT,
+    disparity: np.ndarray, offset: float, least: int, valid: np.ndarray | None
 ) -> Source:
     """Make messages without a class from what was matched."""
     rig = StereoRig(400.0, 0.12, (19.5, 1.5), (19.5 - offset, 1.5))
     pair = StereoPair(LEFT, RIGHT, rig, valid, (0, 0, WIDTH, HEIGHT), ("rgb8", "rgb8"))
-    found = result(disparity=disparity, min_disparity=least, left=colours)
+    found = result(disparity=disparity, min_disparity=least)
     return Source(lambda name, /, **fields: SimpleNamespace(**fields), frame(), pair, found, CONFIG)
 
 
@@ -496,31 +488,3 @@ def test_published_disparity_is_rounded_and_within_its_limits(
     np.testing.assert_array_equal(published, np.where(kept, rounded, limits[0] - 1))
 
 
-@given(DISPARITIES, st.integers(0, 30))
-def test_depth_is_that_of_the_published_disparity(disparity: np.ndarray, least: int) -> None:
-    source = source_of(disparity, least=least)
-    published, low, _ = source.disparity
-    kept = published >= np.float32(low)
-    assert np.isnan(source.depth[~kept]).all()
-    np.testing.assert_allclose(source.depth[kept] * published[kept], 400.0 * 0.12, rtol=1e-6)
-
-
-@pytest.mark.parametrize(("dtype", "channels"), [
-    (np.uint8, 3), (np.uint16, 3), (np.uint8, 1), (np.uint16, 1),
-])
-def test_cloud_has_each_pixel_s_place_and_colour(dtype: type, channels: int) -> None:
-    generator = np.random.default_rng(3)
-    disparity = generator.uniform(5, 30, SHAPE).astype(np.float32)
-    disparity[0, 0] = np.nan
-    shape = SHAPE if channels == 1 else (*SHAPE, channels)
-    colours = generator.integers(0, np.iinfo(dtype).max, shape, dtype, endpoint=True)
-    source = source_of(disparity, colours=colours)
-    cloud = points(source).data.view(np.float32).reshape(*SHAPE, 4)
-    columns, rows = (np.arange(7) - 19.5) / 400.0, (np.arange(4) - 1.5) / 400.0
-    np.testing.assert_array_equal(cloud[..., 0], source.depth * columns.astype(np.float32))
-    np.testing.assert_array_equal(cloud[..., 1], source.depth * rows.astype(np.float32)[:, None])
-    np.testing.assert_array_equal(cloud[..., 2], source.depth)
-    rgb = colours.reshape(*SHAPE, channels) >> (8 * np.dtype(dtype).itemsize - 8)
-    red, green, blue = np.moveaxis(np.broadcast_to(rgb, (*SHAPE, 3)).astype(np.uint32), -1, 0)
-    packed = np.ascontiguousarray(cloud[..., 3]).view(np.uint32)
-    np.testing.assert_array_equal(packed, red << 16 | green << 8 | blue)

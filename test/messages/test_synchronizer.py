@@ -231,16 +231,6 @@ def test_stamps_that_cannot_be_used_are_counted(
     assert feed(sync, ("left", 6.0), ("right", 6.0)) == [(6.0, 6.0)]
 
 
-def test_recording_that_starts_again_is_followed() -> None:
-    sync = synchronizer()
-    feed(sync, ("left", 50.0), ("right", 50.0), ("left", 50.1))
-    assert feed(sync, ("left", 10.0), ("right", 10.0), ("left", 10.1), ("right", 10.1)) == [
-        (10.0, 10.0), (10.1, 10.1)
-    ]
-    assert sync.restarts == 1
-    assert sync.dropped == {"left image unmatched": 1}
-
-
 def test_one_stray_image_from_the_past_or_the_future_changes_nothing() -> None:
     sync = synchronizer(queue_size=3)
     feed(sync, ("left", 50.0), ("right", 50.0))
@@ -248,12 +238,6 @@ def test_one_stray_image_from_the_past_or_the_future_changes_nothing() -> None:
     arrivals += [(side, 51.0 + i) for i in range(5) for side in ("left", "right")]
     assert len(feed(sync, *arrivals)) == 5
     assert sync.restarts == 0
-
-
-def test_pair_from_the_future_does_not_stop_what_follows() -> None:
-    sync = synchronizer()
-    feed(sync, ("left", 9e5), ("right", 9e5))
-    assert feed(sync, ("left", 50.0), ("right", 50.0)) == [(50.0, 50.0)]
 
 
 def test_every_drop_is_told() -> None:

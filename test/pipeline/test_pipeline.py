@@ -147,18 +147,6 @@ def test_sixteen_bits_match_like_eight(pipeline):
     assert np.mean(np.abs(eight.disparity - sixteen.disparity)[both] >= 2) < 0.005
 
 
-def test_grey_matches_and_colour_is_not_assessable(pipeline):
-    left, right = scene_pair()
-    result = pipeline.process(left[..., 1].copy(), right[..., 1].copy())
-    assert result.status is Status.NO_COLOUR
-    assert np.isnan(result.visibility.mean_attenuation)
-    assert np.isnan(result.visibility.depth)
-    assert result.left_enhanced.shape == left.shape[:2]
-    known = np.isfinite(result.disparity)
-    assert known[100:140, 40:].mean() > 0.8
-    assert np.nanmedian(result.disparity[100:140]) == pytest.approx(14, abs=0.3)
-
-
 def test_size_may_change_between_frames(pipeline):
     pipeline.process(*scene_pair())
     small = pipeline.process(*(np.ascontiguousarray(i[:100, :160]) for i in scene_pair()))

@@ -178,47 +178,6 @@ def test_encodings_of_one_scene(
         np.testing.assert_allclose(estimate, attenuation, rtol=0.05)
 
 
-def test_16_bits_give_the_attenuation_of_8(
-    client: Any, large_scene: Any, image: Any, info: Any
-) -> None:
-    found = []
-    for encoding in ("rgb8", "rgb16", "bgr16"):
-        views = (to_encoding(p, encoding) for p in (large_scene.left, large_scene.right))
-        stamp = client.publish(
-            *(image(view, encoding, is_bigendian=int("16" in encoding)) for view in views),
-            info("left", scale=2), info("right", scale=2),
-        )
-        found.append([vector(each) for each in client.result(
-            stamp, "visibility/raw/attenuation", "visibility/raw/attenuation_stddev")])
-    (first, stddev), second, third = found
-    np.testing.assert_array_equal(second, third)
-    # Codes of 16 bit are not rounded to 8: the noise is another.
-    assert (np.abs(np.log(second[0] / first)) < 0.5 * stddev / first).all()
-
-
-def test_mosaics_give_the_attenuation_of_the_scene(
-    client: Any, large_scene: Any, image: Any, info: Any
-) -> None:
-    found = []
-    for encoding in ("rgb8", "bayer_rggb8", "bayer_grbg16"):
-        stamp = client.publish(
-            *(
-                image(to_encoding(p, encoding), encoding, is_bigendian=int("16" in encoding))
-                for p in (large_scene.left, large_scene.right)
-            ),
-            info("left", scale=2), info("right", scale=2),
-        )
-        disparity, attenuation, stddev = client.result(
-            stamp, "disparity", "visibility/raw/attenuation", "visibility/raw/attenuation_stddev")
-        error = np.abs(40.0 / depths(disparity) - large_scene.disparity)
-        assert np.nanmedian(error) < 0.5
-        found.append((vector(attenuation), vector(stddev)))
-    # Two thirds of a mosaic's values are interpolated.
-    whole, deviation = found[0]
-    for mosaic, _ in found[1:]:
-        assert (np.abs(mosaic - whole) < deviation).all()
-
-
 def flat(value: int) -> Callable[..., tuple[Any, Any, Any, Any]]:
     """Make frames whose pixels all have one value."""
     return lambda s, image, info: (

@@ -176,14 +176,3 @@ def test_of_a_surface_single_doubtful_pixels_stay_and_regions_go() -> None:
     assert np.isnan(disparity[30:50, 70:100]).all()
     assert np.isnan(disparity[:, :10]).all()
     assert (disparity[:, 40:70] == NEAR).all()
-
-
-def test_threads_change_no_bit() -> None:
-    disparity = np.full((HEIGHT, WIDTH), NEAR, np.float32)
-    disparity[:, : EDGE - GROWN] = np.nan
-    blank = np.full(HEIGHT * WIDTH * BYTES, 128, np.uint8)
-    right = np.full((HEIGHT, WIDTH), 19, np.int16)
-    one, three = (
-        confidence.rate(disparity, right, (blank, blank), image(5.0), Workers(threads))
-        for threads in (1, 3))
-    np.testing.assert_array_equal(one, three)

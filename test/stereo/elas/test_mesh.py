@@ -47,14 +47,6 @@ def test_corners_take_the_nearest_disparity():
     )
 
 
-def test_rows_in_bands_give_the_same_bits():
-    triangles = triangulate(with_corners(points_on_plane(5), SHAPE), SHAPE)
-    one, four = np.empty(SHAPE, np.float32), np.empty(SHAPE, np.float32)
-    rasterize(triangles, one, Workers(1))
-    rasterize(triangles, four, Workers(4))
-    np.testing.assert_array_equal(one, four)
-
-
 def test_too_few_points_make_no_triangles():
     assert triangulate(np.empty((0, 3), np.float32), SHAPE).shape == (0, 3, 3)
     line = np.array([[10, 10, 5], [20, 20, 5], [30, 30, 5]], np.float32)

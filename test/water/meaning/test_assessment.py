@@ -43,11 +43,6 @@ def test_the_model_water_is_assessed_exactly(alpha, depth, light):
     assert seen.depth_stddev == 0
 
 
-def test_visibility_constant_of_five_percent_contrast():
-    seen = ASSESSOR.assess(estimate([0.5, 0.4, 0.3], [0.5, 0.6, 0.7]))
-    assert seen.distance * 0.3 == pytest.approx(2.351, abs=5e-4)
-
-
 def test_contrast_is_a_parameter():
     other = Assessor(PipelineConfig(assessment=AssessmentConfig(contrast=0.02)))
     seen = other.assess(estimate([0.5, 0.4, 0.3], [0.5, 0.6, 0.7]))

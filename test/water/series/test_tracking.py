@@ -130,18 +130,6 @@ def test_a_fixed_exposure_takes_such_a_jump_for_an_outlier():
     assert tracker.event is TrackingEvent.OUTLIER
 
 
-def test_one_outlier_changes_nothing():
-    rng = np.random.default_rng(3)
-    tracker, stamp = settled(rng)
-    before = tracker.estimate
-    after = tracker.update(drawn(rng, attenuation=BETA + 0.6), stamp + PERIOD)
-    assert tracker.event is TrackingEvent.OUTLIER
-    np.testing.assert_allclose(after.attenuation, before.attenuation, atol=1e-9)
-    assert (after.attenuation_stddev >= before.attenuation_stddev).all()
-    tracker.update(drawn(rng), stamp + 2 * PERIOD)
-    assert tracker.event is TrackingEvent.UPDATED
-
-
 def test_a_run_of_outliers_is_followed_even_where_they_contradict_one_another():
     """Else a ramp, no two frames of which agree, would freeze the filter."""
     rng = np.random.default_rng(4)
