@@ -12,7 +12,6 @@ from uw_visibility_lab.evaluation.degrade import (
     degrade,
     fill_from_background,
     load_scene,
-    warp_to_right,
 )
 
 NAN = np.nan
@@ -62,16 +61,15 @@ def test_unknown_pixels_take_the_farther_neighbour():
         fill_from_background(np.full((2, 2), NAN, dtype=np.float32))
 
 
-def test_the_nearer_surface_hides_the_farther_in_the_right_view():
-    left = np.array([[1, 1, 1, 1, 4, 4, 1, NAN]], dtype=np.float32)
-    np.testing.assert_array_equal(
-        warp_to_right(left), [[4, 4, 1, NAN, NAN, 1, NAN, NAN]])
-
-
 def test_a_scene_without_right_disparity_gets_the_warped_one(tmp_path):
-    scene = load_scene(write_scene(tmp_path / "scene", 30, 15, right_disparity=False))
-    np.testing.assert_array_equal(
-        scene.disparity_right[5], np.where(np.arange(30) < 25, np.float32(5), NAN))
+    folder = write_scene(tmp_path / "scene", right_disparity=False)
+    values = np.full((20, 30), 15, np.uint8)
+    values[:, 15:20] = 30
+    cv2.imwrite(str(folder / "disp1.png"), values)
+    scene = load_scene(folder)
+    # Of 5 px, with a nearer surface of 10 px in front, and what only the right view shows.
+    x = np.arange(30)
+    np.testing.assert_array_equal(scene.disparity_right[5], np.where((x >= 5) & (x < 10), 10, 5))
     left, right = scene.degraded(0.2, 2.0, KAPPA)
     assert left.shape == right.shape == (20, 30, 3)
 

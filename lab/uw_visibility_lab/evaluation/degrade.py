@@ -19,6 +19,7 @@ from uw_visibility.images.overview import shown
 from uw_visibility.optics.light_model import attenuate, transmission
 from uw_visibility.stereo.interpolation import fill_gaps
 from uw_visibility.stereo.rig import StereoRig
+from uw_visibility.stereo.views import in_right_view
 from uw_visibility_lab.simulation.camera import NOISELESS, Sensor
 
 # Middlebury 2005 and 2006 (Scharstein and Pal, doi 10.1109/CVPR.2007.383191):
@@ -83,7 +84,7 @@ def load_scene(folder: str | Path) -> Scene:
     if (folder / "disp5.png").is_file():
         disparity_right = read_disparity(folder / "disp5.png", scale)
     else:
-        disparity_right = warp_to_right(disparity_left)
+        disparity_right = in_right_view(disparity_left)
     if not right.shape[:2] == disparity_left.shape == disparity_right.shape == (height, width):
         raise InputError(f"scene {folder} has files of different size: give all in one size")
     return Scene(
@@ -139,19 +140,6 @@ def fill_from_background(disparity: DisparityMap) -> DisparityMap:
     filled = fill_gaps(disparity, width, Workers(1))
     nearest = rows[np.abs(np.arange(height)[:, np.newaxis] - rows).argmin(axis=1)]
     return filled[nearest]
-
-
-def warp_to_right(disparity_left: DisparityMap) -> DisparityMap:
-    """Warp the left disparity, px, to the right view; the nearer surface wins; NaN = none."""
-    height, width = disparity_left.shape
-    row, column = np.nonzero(np.isfinite(disparity_left))
-    value = disparity_left[row, column]
-    target = np.floor(column - value + 0.5).astype(np.intp)
-    inside = (target >= 0) & (target < width)
-    warped = np.full((height, width), -np.inf, dtype=np.float32)
-    np.maximum.at(warped, (row[inside], target[inside]), value[inside])
-    warped[np.isinf(warped)] = np.nan
-    return warped
 
 
 def _read_image(folder: Path, name: str) -> Image8:

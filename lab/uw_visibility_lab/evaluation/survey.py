@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 
-import cv2
 import numpy as np
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.arrays import Array, Map
+from uw_visibility.images.cells import means
 from uw_visibility.optics.spectra import clear_water_attenuation, load_response
 from uw_visibility.optics.transfer import to_linear
 from uw_visibility.pipeline.pipeline import Pipeline
@@ -211,16 +211,12 @@ def variation(images: Sequence[Map], truth: Sequence[Map]) -> Array:
     It is that of the ratio of shown to true reflectance of pieces of ground: half of the difference
     between the 84 and 16 % quantiles, over the median.
     """
-    seen, true = (np.concatenate([_pieces(image) for image in some]) for some in (images, truth))
+    seen, true = (
+        np.concatenate([means(image, BLOCK).reshape(-1, 3) for image in some]).astype(np.float64)
+        for some in (images, truth))
     low, middle, high = np.nanquantile(
         np.where(true > DARK, seen / np.maximum(true, DARK), np.nan), (0.16, 0.5, 0.84), axis=0)
     return np.asarray((high - low) / (2.0 * middle))
-
-
-def _pieces(image: Map) -> Array:
-    height, width = (size // BLOCK for size in image.shape[:2])
-    return np.asarray(cv2.resize(
-        image, (width, height), interpolation=cv2.INTER_AREA).reshape(-1, 3), np.float64)
 
 
 def mean_difference(images: Sequence[Map], truth: Sequence[Map]) -> float:

@@ -18,7 +18,6 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from uw_visibility.compute.processes import process_pool
@@ -26,6 +25,7 @@ from uw_visibility.compute.threads import Workers, use_one_thread
 from uw_visibility.config.lighting import LightingConfig
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.images.arrays import Array
+from uw_visibility.images.cells import means
 from uw_visibility.water.lamps.nodes import Nodes
 from uw_visibility.water.lamps.posterior import FITTED, Fitted, infer
 from uw_visibility_lab.posterior.cases import by_lamps
@@ -113,8 +113,7 @@ def between_channels(scenes: Sequence[Scene]) -> float:
         reflectance, ranges, _ = vary(streams("scene"), scene)
         side = reflectance.shape[1] // PATCHES
         shown = np.where(np.isfinite(ranges)[..., np.newaxis], reflectance, np.nan)
-        patches = cv2.resize(
-            shown, None, fx=1.0 / side, fy=1.0 / side, interpolation=cv2.INTER_AREA)
+        patches = means(shown, side)
         scattering = streams("albedo")
         albedo = [draw(scattering, "lamps.albedo") for _ in range(3)]
         found.append(np.log(albedo) - np.log(np.nanmedian(patches, axis=(0, 1)) + BLACK))

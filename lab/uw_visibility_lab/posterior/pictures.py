@@ -19,6 +19,7 @@ from uw_visibility.commands.calibration_file import read_rig
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, Image8, RangeMap
+from uw_visibility.images.cells import means
 from uw_visibility.images.files import read_image
 from uw_visibility.images.noise import BLOCK, SMOOTHEST
 from uw_visibility.pipeline.pipeline import Pipeline
@@ -89,18 +90,12 @@ def noise_ratio(raw: Image8, enhanced: Image8) -> float:
 
 def _block_noise(image: Image8) -> Array:
     kernel = np.array([[0, -1, 0], [-1, 4, -1], [0, -1, 0]]) / 4
-    return _blocks(cv2.filter2D(image.astype(np.float64).mean(axis=-1), -1, kernel) ** 2)
-
-
-def _blocks(values: Array) -> Array:
-    height, width = (BLOCK * (size // BLOCK) for size in values.shape[:2])
-    shape = (height // BLOCK, BLOCK, width // BLOCK, BLOCK, *values.shape[2:])
-    return np.asarray(values[:height, :width].reshape(shape).mean(axis=(1, 3)))
+    return means(cv2.filter2D(image.astype(np.float64).mean(axis=-1), -1, kernel) ** 2, BLOCK)
 
 
 def _change(first: Image8, second: Image8) -> float:
     """Root mean square change of the means of blocks, codes."""
-    return float(np.sqrt(np.mean(_blocks(first.astype(float) - second) ** 2)))
+    return float(np.sqrt(np.mean(means(first.astype(float) - second, BLOCK) ** 2)))
 
 
 def with_noise(image: Image8, seed: tuple[int, ...]) -> Image8:
