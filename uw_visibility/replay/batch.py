@@ -318,10 +318,14 @@ class _Replay:
             summary.damage.append(
                 f"{self._joiner.unplaced} of {summary.frames} frames have no position: "
                 f"{stream.selection.position} has no fixes around them within {LONGEST_GAP:g} s")
-        restarts = stream.synchronizer.restarts
+        restarts, recalibrated = stream.synchronizer.restarts, self._recorder.recalibrated
         if restarts:
-            times = "once" if restarts == 1 else f"{restarts} times"
-            summary.damage.append(f"stamps of the images jumped back {times}")
+            summary.damage.append(f"stamps of the images jumped back {_times(restarts)}")
+        if recalibrated:
+            summary.damage.append(
+                f"camera_info changed {_times(len(recalibrated))}, first at frame "
+                f"{recalibrated[0]}: ranges before or after are wrong, unless the cameras changed "
+                "as well")
         summary.seconds = time.monotonic() - self._begin
 
     def _write_extras(self, table: Columns) -> None:
@@ -350,3 +354,7 @@ class _Replay:
         if problem:
             self._folder.refuse_earlier()
             raise InputError(f"{problem}: --force starts over")
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pytest
 from bag_copies import FRAMES, Message, copy_bag, copy_bag_ros1, run, shortened
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
@@ -231,6 +232,22 @@ def test_stamps_that_go_back_are_said(
     done = run(copy_bag(transect, tmp_path / "bag", edit=back), tmp_path / "out", capsys=capsys)
     assert (done.code, frames(done.rows)) == (0, FRAMES)
     assert "stamps of the images jumped back once" in done.err
+    assert "camera_info changed" not in done.err
+
+
+def test_a_calibration_that_changes_is_said(
+    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A driver is started again with the calibration of another mode."""
+    def other(messages: Iterator[Message]) -> Iterator[Message]:
+        for topic, kind, message, time in messages:
+            if topic.endswith("camera_info") and time >= 1_700_000_001_500_000_000:
+                message.p = message.p * np.array([2, 1, 1, 2, 1, 2, 1, 1, 1, 1, 1, 1])
+            yield topic, kind, message, time
+
+    done = run(copy_bag(transect, tmp_path / "bag", edit=other), tmp_path / "out", capsys=capsys)
+    assert (done.code, frames(done.rows)) == (0, FRAMES)
+    assert "camera_info changed once, first at frame 3: ranges before or after" in done.err
 
 
 def test_an_unknown_type_among_the_topics_does_no_harm(

@@ -9,6 +9,7 @@ import math
 import re
 import sys
 import tempfile
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -200,6 +201,9 @@ def test_nothing_assessed_is_said_first_and_why() -> None:
     sentences = ["".join(map(str, parts)) for parts in verdict(summary)]
     assert sentences[1] == "Images that are in no frame: left image unmatched (4)."
     assert "raise synchronization.tolerance" in sentences[2]
+    summary.dropped = Counter({"left image without a stamp": 4})
+    sentences = ["".join(map(str, parts)) for parts in verdict(summary)]
+    assert sentences[2:] == ["Let the driver fill header.stamp with the time of exposure."]
 
 
 def test_a_frame_refused_is_a_share_below_all() -> None:

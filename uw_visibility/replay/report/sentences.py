@@ -32,6 +32,7 @@ MOST_REASONS = 3
 UNMATCHED = (
     "Stamps of left and right differ: trigger both cameras together, or raise "
     "synchronization.tolerance, to less than half of the time between images.")
+WITHOUT_STAMP = "Let the driver fill header.stamp with the time of exposure."
 CLOCK_NOT_SET = (
     "The recording's clock was not set: times do not show the time of day.")
 
@@ -59,6 +60,7 @@ def verdict(summary: Summary) -> list[Sentence]:
         texts = ["There are no frames, so that nothing can be said about the water."]
         texts += [f"Images that are in no frame: {dropped}."] if dropped else []
         texts += [UNMATCHED] if "unmatched" in dropped else []
+        texts += [WITHOUT_STAMP] if "without a stamp" in dropped else []
         return [[text] for text in texts]
     found = [_seen(synopsis)]
     if synopsis.told:

@@ -32,6 +32,7 @@ from uw_visibility.replay.results.provenance import texts_of
 from uw_visibility.replay.table import TableWriter, write_dictionary
 from uw_visibility.replay.work import FrameAnswer
 from uw_visibility.status import Status
+from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.meaning.derived import DerivedModel
 from uw_visibility.water.series.filter import FilteredWater, WaterFilter
 
@@ -97,6 +98,7 @@ class FrameRecorder:
     copied: name and type of the copy in results.mcap, by recorded topic.
     filter: filter over the frames in their order, independent of processes.
     baselines: baselines of the rigs of frames, m.
+    recalibrated: frames whose calibration is not that of the frame before.
     """
 
     def __init__(
@@ -107,6 +109,8 @@ class FrameRecorder:
     ) -> None:
         self.resumed = 0
         self.baselines: set[float] = set()
+        self.recalibrated: list[int] = []
+        self._rig: StereoRig | None = None
         self._folder, self._options = folder, options
         self._copied = copied
         self.columns = columns_of(options)
@@ -131,6 +135,9 @@ class FrameRecorder:
         if record.estimate is not None:
             self.resumed += answer.resumed
             self.baselines.add(record.estimate.rig.baseline)
+            if self._rig not in (None, record.estimate.rig):
+                self.recalibrated.append(record.frame)
+            self._rig = record.estimate.rig
             timing = record.estimate.timing_ms
             if self._timings is None:
                 self._timings = TableWriter(self._folder / "timings.csv", ["frame", *timing])
