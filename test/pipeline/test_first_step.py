@@ -128,6 +128,16 @@ def test_exchanged_large_images_are_refused(frame: RenderedFrame) -> None:
         coarse_estimate(frame.right, frame.left)
 
 
+def test_principal_points_that_make_disparities_negative_are_named(frame: RenderedFrame) -> None:
+    """As of a region of interest that is 40 px farther to the right on the left sensor."""
+    cx, cy = CAMERA.principal_point
+    rig = StereoRig(CAMERA.focal_length, CAMERA.baseline, (cx - 40, cy), (cx, cy))
+    with pytest.raises(InputError, match="equal cx, since that of the left is 40 px smaller"):
+        Pipeline(rig, config_of({})).process(frame.left[:, 40:], frame.right[:, :-40])
+    with pytest.raises(InputError, match=r"exchange left and right$"):
+        pipeline().process(frame.right, frame.left)
+
+
 def test_a_right_image_of_noise_is_no_exchange(frame: RenderedFrame) -> None:
     noise = np.random.default_rng(0).normal(20.0, 10.0, frame.left.shape)
     result = pipeline().process(frame.left, np.clip(noise, 0, 255).astype(np.uint8))

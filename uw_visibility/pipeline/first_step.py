@@ -198,8 +198,11 @@ class FirstStep:
             elsewhere = self._matcher.moved_ratio(_OTHER_ROWS, consistent=True)
         least = max(elsewhere, 1.0)
         if swapped > _EXCHANGED_RATIO * least:
+            offset = self._rig.offset
             raise InputError(
-                "the images match with negative disparities only: exchange left and right")
+                "the images match with negative disparities only: exchange left and right" + (
+                    f", or calibrate for equal cx, since that of the left is {-offset:g} px "
+                    "smaller" if offset < 0 else ""))
         rows = max(_ROWS_APART // self._pyramid.factor, 1)
         if not useless and (
             self._matcher.moved_ratio(rows, consistent=sparse, turned=True) > _MOVED_RATIO * least
