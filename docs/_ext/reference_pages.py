@@ -66,12 +66,12 @@ def commands() -> Iterator[str]:
     for name, parser in _subparsers().items():
         yield from (f"## {name}", "")
         yield from _text(parser.description or "")
-        usage = re.sub(r"\s+", " ", parser.format_usage().removeprefix("usage: ")).strip()
-        required = usage.replace("[-h] ", "").replace(" [--debug]", "")
-        yield from _text(_wrapped(required))
+        formatter = parser.formatter_class(prog=parser.prog, width=80)
+        formatter.add_usage(
+            parser.usage, _named(parser._actions), parser._mutually_exclusive_groups, prefix="")
+        yield from _text(formatter.format_help().rstrip())
         for group in parser._action_groups:
-            actions = [a for a in group._group_actions if a.dest not in ("help", "debug")]
-            if actions:
+            if actions := _named(group._group_actions):
                 yield from (f"**{(group.title or '').capitalize()}**", "")
                 yield from _table(("Argument", "Meaning"), [_option(parser, a) for a in actions])
         yield from _text(parser.epilog or "")
@@ -117,6 +117,11 @@ def _subparsers() -> dict[str, argparse.ArgumentParser]:
     actions = make_parser()._actions
     choices: Any = next(a for a in actions if isinstance(a, argparse._SubParsersAction)).choices
     return dict(choices)
+
+
+def _named(actions: Iterable[argparse.Action]) -> list[argparse.Action]:
+    """Return the actions that only some commands have."""
+    return [action for action in actions if action.dest not in ("help", "debug")]
 
 
 def _option(parser: argparse.ArgumentParser, action: argparse.Action) -> tuple[str, str]:
@@ -165,17 +170,6 @@ def _cell(text: str) -> str:
 def _text(text: str) -> Iterator[str]:
     if text:
         yield from ("```text", text, "```", "")
-
-
-def _wrapped(usage: str) -> str:
-    """Break a usage before its options, at 80 columns."""
-    lines, line = [], ""
-    for part in re.findall(r"\[[^\]]*\](?:\s?\.\.\.\])?|\S+", usage):
-        if len(line) + len(part) > 78:
-            lines.append(line)
-            line = "   "
-        line += f" {part}" if line else part
-    return "\n".join([*lines, line])
 
 
 def write(_app: Any = None) -> None:

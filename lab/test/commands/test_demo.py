@@ -22,7 +22,6 @@ pytest.importorskip("rclpy", reason="needs ROS 2")
 pytest.importorskip("rosbags")
 pytest.importorskip("matplotlib")
 
-from uw_visibility.messages.stamps import header_stamp
 from uw_visibility_lab.demonstration.comparison import QUANTITIES, score, summarize, write_results
 from uw_visibility_lab.demonstration.node_process import NodeDied, NodeProcess
 
@@ -189,21 +188,6 @@ def test_options_that_cannot_be_used_are_one_sentence(
     assert "frames" in error
     assert str(tmp_path / "file" / "out") in error
     assert error.count("\n") == 2
-
-
-def test_a_stamp_is_written_where_messages_carry_it() -> None:
-    from rclpy.serialization import deserialize_message, serialize_message
-    from sensor_msgs.msg import CameraInfo
-
-    from uw_visibility_lab.demonstration.client import with_stamp
-
-    data = serialize_message(CameraInfo(width=640, distortion_model="plumb_bob"))
-    stamp = 1_700_000_123_456_789_012
-    changed = with_stamp(data, stamp)
-    assert header_stamp(changed) == stamp
-    message = deserialize_message(changed, CameraInfo)
-    assert (message.header.stamp.sec, message.header.stamp.nanosec) == divmod(stamp, 10**9)
-    assert (message.width, message.distortion_model) == (640, "plumb_bob")
 
 
 def test_score_counts_pixels_with_truth_only() -> None:

@@ -83,11 +83,6 @@ def test_options_of_the_other_study(tmp_path, capsys, words, named):
     assert named in refuse(capsys, "-o", tmp_path / "out", *words)
 
 
-def test_a_survey_of_too_few_frames(tmp_path, capsys):
-    assert "frames of the survey" in refuse(
-        capsys, "--lamps", "--frames", "-3", "-o", tmp_path / "out")
-
-
 def test_parameters_that_simulated_water_does_not_have(scene, tmp_path, capsys):
     path = tmp_path / "parameters.yaml"
     path.write_text("/**:\n  ros__parameters:\n    camera.transfer: srgb\n")
