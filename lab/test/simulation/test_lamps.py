@@ -187,28 +187,3 @@ def test_the_command_records_lamps_and_their_truth(tmp_path: Path) -> None:
     for lamp, row in zip(told.lamps(), rows, strict=True):
         np.testing.assert_allclose([*lamp.position, *lamp.direction, lamp.beam_angle], row[:7])
         np.testing.assert_allclose(lamp.colour, [1.0, 1.0, 0.5])
-
-
-@pytest.mark.parametrize(("options", "what"), [
-    ("--lamps 3", "number of lamps"),
-    ("--night", "--night"),
-    ("--lamps 2 --lamp-positions 0 0 1", "--lamp-positions"),
-    ("--lamp-positions 0 1", "--lamp-positions"),
-    ("--lamps 2 --lamp-directions 0 0 1", "--lamp-directions"),
-    ("--lamps 2 --lamp-power 1 2", "--lamp-power"),
-    ("--lamp-positions 0 0 0.001", "within 0.01 m"),
-    ("--lamps 2 --plume 0.1 0.5", "leave out the lamps"),
-    ("--altitude 1 2 3", "--altitude"),
-    ("--lamp-power 2", "--lamp-power"),
-    ("--lamp-jitter 0.1", "--lamp-jitter"),
-    ("--strobe alternate", "--strobe"),
-    ("--no-shading --daylight", "--no-shading"),
-])
-def test_bad_options_are_one_sentence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: str, what: str
-) -> None:
-    assert main(["simulate", "-o", str(tmp_path / "bag"), *SMALL, *options.split()]) == 2
-    error = capsys.readouterr().err
-    assert what in error
-    assert error.count("\n") == 1
-    assert not (tmp_path / "bag").exists()
