@@ -319,19 +319,24 @@ def test_raw_images_are_rectified_or_refused(
     assert "unusable" not in {row["status"] for row in done.rows}
 
 
+@pytest.mark.parametrize("matrix", ["d", "r", "k", ""])
 def test_compressed_raw_images_are_refused_as_well(
-    transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    matrix: str, transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    turn = cv2.Rodrigues(np.array([0.0, 0.01, 0.0]))[0].ravel()
+    other = {"d": np.full(5, 0.1), "r": turn, "k": np.array([140, 0, 79, 0, 140, 59, 0, 0, 1.0])}
+
     def raw(messages: Iterator[Message]) -> Iterator[Message]:
         for topic, kind, message, time in compressed(messages):
-            if topic.endswith("camera_info"):
-                message = replace(message, d=np.full(5, 0.1))
+            if topic.endswith("camera_info") and matrix:
+                message = replace(message, **{matrix: other[matrix]})
             yield topic.replace("image_rect", "image_raw"), kind, message, time
 
     bag = copy_bag(transect, tmp_path / "bag", edit=raw)
-    done = run(bag, tmp_path / "out", capsys=capsys)
-    assert done.code == 2
-    assert "/left/image_raw/compressed is raw by its name" in done.err
+    done = run(bag, tmp_path / "out", "--every", "9", capsys=capsys)
+    # Without any of them the images are rectified, whatever their name.
+    assert done.code == (2 if matrix else 0)
+    assert ("/left/image_raw/compressed is raw by its name" in done.err) is bool(matrix)
 
 
 def test_the_library_yields_what_the_command_writes(

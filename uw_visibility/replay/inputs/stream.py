@@ -31,7 +31,11 @@ from uw_visibility.replay.inputs.sensors import (
 )
 from uw_visibility.replay.inputs.topics import ODOMETRY, Selection, find_topics, is_raw
 from uw_visibility.replay.records import count_reason
-from uw_visibility.stereo.calibration import CameraCalibration
+from uw_visibility.stereo.calibration import (
+    PIXEL_TOLERANCE,
+    RELATIVE_TOLERANCE,
+    CameraCalibration,
+)
 
 
 class RecordedFrame(NamedTuple):
@@ -218,10 +222,15 @@ class InputStream:
         except InputError:
             # Frames report why their calibration cannot be used.
             return
-        if calibration.distortion.any() or not np.allclose(calibration.rotation, np.eye(3)):
+        if (
+            calibration.distortion.any() or not np.allclose(calibration.rotation, np.eye(3))
+            or not np.allclose(
+                calibration.camera_matrix, calibration.projection[:, :3],
+                RELATIVE_TOLERANCE, PIXEL_TOLERANCE)
+        ):
             raise InputError(
-                f"{image} is raw by its name and distorted by its camera_info: add --rectify, or "
-                "name rectified images with --left and --right"
+                f"{image} is raw by its name, and by its camera_info not rectified: add --rectify, "
+                "or name rectified images with --left and --right"
             )
 
     def _is_latched(self, infos: dict[str, str]) -> bool:
