@@ -11,12 +11,14 @@ pytest's own process, and so does everything with `-n 0` or without pytest-xdist
 from __future__ import annotations
 
 import fcntl
+import gc
 import os
+import resource
 import signal
 import sys
 import tempfile
-from collections.abc import Generator
-from contextlib import ExitStack
+from collections.abc import Callable, Generator, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +120,17 @@ def pytest_configure_node(node: Any) -> None:
     node.workerinput["turns"] = stash[TURNS].name
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Let the garbage collector not look through what is imported and collected, which stays."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
+
+
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Leave out what `make test` would import in each worker only to deselect it."""
     if "not long" not in config.option.markexpr:
@@ -131,6 +144,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
     Where workers share the whole suite, files that wait are spread among those that compute:
     in the folder's order both workers would meet in test/ros, and the processors be idle.
+    The last files come first: at the end of the folders' order are longer ones than at its
+    beginning, and one worker would be left with such a one while the others have done.
     """
     for item in items:
         if str(item.path.relative_to(HERE)).startswith(LONG):
@@ -152,7 +167,8 @@ def spread(items: list[pytest.Item]) -> list[pytest.Item]:
         groups.setdefault(starts_nodes or name in WAITING, []).append(name)
     places = {name: number / len(group) for group in groups.values()
               for number, name in enumerate(group)}
-    return [item for name in sorted(files, key=places.__getitem__) for item in files[name]]
+    order = sorted(files, key=places.__getitem__, reverse=True)
+    return [item for name in order for item in files[name]]
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
@@ -183,6 +199,25 @@ def hostile_folder(tmp_path: Path) -> Path:
     for name in ("concurrent", "logging", "multiprocessing", "numpy", "pickle", "uw_visibility"):
         (folder / f"{name}.py").write_text(mark, encoding="utf-8")
     return folder
+
+
+@contextmanager
+def _disk_of(size: int) -> Iterator[None]:
+    """Let no file grow beyond so many bytes: what is written fails as on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+
+
+@pytest.fixture
+def full_disk() -> Callable[[int], AbstractContextManager[None]]:
+    """Make a disk that is full at so many bytes a file."""
+    return _disk_of
 
 
 @pytest.fixture(scope="session")

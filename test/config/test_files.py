@@ -5,10 +5,11 @@
 from __future__ import annotations
 
 import os
-import resource
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
@@ -43,25 +44,12 @@ def test_a_file_beyond_the_limit_is_refused(tmp_path: Path) -> None:
     assert b"python" in read_regular("/proc/self/cmdline", 1 << 20)
 
 
-@pytest.fixture
-def small_disk() -> object:
-    """Files of a kilobyte at most; what is written beyond fails as on a full disk."""
-    import signal
-
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    signal.signal(signal.SIGXFSZ, handler)
-
-
 def test_what_cannot_be_written_whole_leaves_the_older_file(
-    tmp_path: Path, small_disk: object
+    tmp_path: Path, full_disk: Callable[[int], AbstractContextManager[None]]
 ) -> None:
     path = tmp_path / "result"
     write_whole(path, "older")
-    with pytest.raises(InputError, match=f"cannot write {path}"):
+    with full_disk(1000), pytest.raises(InputError, match=f"cannot write {path}"):
         write_whole(path, bytes(10_000))
     assert path.read_text() == "older"
     assert [entry.name for entry in tmp_path.iterdir()] == ["result"]

@@ -1,14 +1,10 @@
 # Copyright 2026 the uw_visibility developers
 # SPDX-License-Identifier: Apache-2.0
-"""What tests of faults share: a full disk, and a small pair and recording."""
+"""What tests of faults share: a small pair and recording."""
 
 from __future__ import annotations
 
-import resource
-import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import pytest
@@ -23,25 +19,6 @@ from rosbags.rosbag2 import StoragePlugin
 from small_bags import scene, write_ros2
 
 from uw_visibility.images.files import write_png
-
-
-@contextmanager
-def _disk_of(size: int) -> Iterator[None]:
-    """Let no file grow beyond so many bytes: what is written fails as on a full disk."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        signal.signal(signal.SIGXFSZ, handler)
-
-
-@pytest.fixture
-def full_disk() -> Callable[[int], AbstractContextManager[None]]:
-    """Make a disk that is full at so many bytes a file."""
-    return _disk_of
 
 
 @pytest.fixture

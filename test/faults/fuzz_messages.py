@@ -116,12 +116,6 @@ class Wire:
             publisher = self.client.publishers[topic]
             publisher.publish(frame[topic])
 
-    @property
-    def memory(self) -> float:
-        """The node's memory, MiB."""
-        status = Path(f"/proc/{self.node.process.pid}/status").read_text()
-        return int(status.split("VmRSS:")[1].split()[0]) / 1024
-
     def stamped(self, frame: dict[str, Any]) -> int:
         """Give a frame the next stamp; returns it, s."""
         self._stamp += 1
@@ -231,7 +225,7 @@ class Cases:
             outcome = act()
             if outcome.verdict in ("read", "refused") or not left:
                 break
-        memory = wire.memory
+        memory = wire.node.memory
         if memory > MOST_MEMORY_MIB:
             return outcome._replace(verdict=f"{memory:.0f} MiB")
         return outcome

@@ -89,7 +89,12 @@ def test_the_current_folder_is_not_replaced(
     monkeypatch.chdir(here)
     for target in (".", "", "..", here, "../today"):
         assert "is the current folder or holds it" in said("replay", recording, "-o", target)
-    assert main(["replay", str(recording), "-o", "res", "--jobs", "1"]) == 0
+    command = ["replay", str(recording), "-o", "res"]
+    assert main([*command, "--jobs", "1"]) == 0
+    # Nor is a result unasked.
+    assert "--force" in said(*command, "--every", "3")
+    assert main([*command, "--every", "3", "--jobs", "1", "--force"]) == 0
+    assert len(list(read_rows(here / "res" / "frames.csv"))) == 2
 
 
 def test_a_folder_with_recording_and_result_is_kept(
@@ -127,6 +132,7 @@ def test_foreign_files_are_kept(
         for option in options:
             told = said("replay", recording, "-o", res.with_name("res"), option)
             assert f"{planted} is not" in told if marked else f"{folder} exists already" in told
+            assert marked or "is no replay" in told
             assert "another name" in told
         shutil.rmtree(planted) if planted.is_dir() else planted.unlink()
 

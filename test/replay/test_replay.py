@@ -250,24 +250,6 @@ def test_a_calibration_from_a_file_takes_the_place_of_camera_info(
     assert (tmp_path / "out" / "frames.csv").read_bytes() == expected
 
 
-def test_nothing_is_overwritten_unless_told(
-    transect: Path, replayed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "notes.txt").write_text("mine")
-    assert run(transect, out).code == run(transect, out, "--force").code == 2
-    assert "is no replay" in capsys.readouterr().err
-    (out / "notes.txt").unlink()
-    assert run(transect, out).code == 0
-    before = (out / "results.mcap").stat().st_mtime_ns
-    assert run(transect, out, "--every", "3").code == 2
-    assert "--force" in capsys.readouterr().err
-    assert (out / "results.mcap").stat().st_mtime_ns == before
-    assert len(run(transect, out, "--every", "3", "--force").rows) == 2
-    assert {p.name for p in tmp_path.iterdir()} == {"out"}
-
-
 def test_pictures_video_and_map_on_request(transect: Path, tmp_path: Path) -> None:
     def with_fix(messages: Iterator[Message]) -> Iterator[Message]:
         for message in messages:

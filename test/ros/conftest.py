@@ -158,6 +158,12 @@ class NodeProcess:
     def log(self) -> str:
         return self._log.read_text()
 
+    @property
+    def memory(self) -> float:
+        """Memory in use, MiB."""
+        status = Path(f"/proc/{self.process.pid}/status").read_text()
+        return int(status.split("VmRSS:")[1].split()[0]) / 1024
+
     def wait_for(self, text: str, timeout: float = RESULT_TIMEOUT) -> None:
         """Wait until the node logs a text."""
         end = time.monotonic() + timeout
@@ -311,6 +317,15 @@ class Client:
         future = self._services[service].call_async(request)
         self.wait(future.done, service)
         return future.result()
+
+    def set_parameters(self, **values: Any) -> Any:
+        """Set parameters of the node together; double underscores stand for dots."""
+        from rcl_interfaces.srv import SetParametersAtomically
+        from rclpy.parameter import Parameter
+
+        return self.call("uw_visibility/set_parameters_atomically", SetParametersAtomically.Request(
+            parameters=[Parameter(name.replace("__", "."), value=value).to_parameter_msg()
+                        for name, value in values.items()])).result
 
     def _serve(self, service: str, request: type) -> Any:
         """Make the client of a service, and wait until the node knows it.

@@ -9,7 +9,6 @@ import random
 import signal
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -75,12 +74,6 @@ class Managed:
     def state(self) -> int:
         response = self.client.call("uw_visibility/get_state", GetState.Request())
         return int(response.current_state.id)
-
-    @property
-    def memory(self) -> float:
-        """Memory in use, MiB."""
-        status = Path(f"/proc/{self.process.process.pid}/status").read_text()
-        return int(status.split("VmRSS:")[1].split()[0]) / 1024
 
     def end(self, number: int) -> None:
         code, seconds = self.process.stop(number)
@@ -178,7 +171,7 @@ def test_transitions_in_any_order_with_images(
             managed.client.publish(*parts)
         # As long as a frame takes, or less.
         time.sleep(0.1 * generator.random())
-        memory.append(managed.memory)
+        memory.append(managed.process.memory)
     assert managed.state == state
     if state == UNCONFIGURED:
         assert managed.change(CONFIGURE)

@@ -16,8 +16,7 @@ pytest.importorskip("rclpy", reason="ROS is not installed")
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from rcl_interfaces.srv import GetParameters, SetParametersAtomically
-from rclpy.parameter import Parameter
+from rcl_interfaces.srv import GetParameters
 from rclpy.qos import QoSProfile
 
 NAMESPACE = "/watched"
@@ -50,16 +49,6 @@ def client(node: Any, make_client: Callable[..., Any], parts: Any) -> Any:
     node.wait_for("no output: ")
     client.connect(*parts)
     return client
-
-
-def set_parameters(client: Any, **values: Any) -> None:
-    parameters = [
-        Parameter(name.replace("__", "."), value=value).to_parameter_msg()
-        for name, value in values.items()
-    ]
-    request = SetParametersAtomically.Request(parameters=parameters)
-    result = client.call("uw_visibility/set_parameters_atomically", request).result
-    assert result.successful, result.reason
 
 
 def test_missing_input_is_named_until_it_comes(node: Any, client: Any) -> None:
@@ -217,7 +206,8 @@ def test_depth_sensor_is_checked(client: Any, parts: Any) -> None:
     assert status.level == DiagnosticStatus.OK
     # The known scene says little of its depth, so the gate may be wide.
     sensor = Sensor(client)
-    set_parameters(client, plausibility__max_gate=100.0, plausibility__timeout=60.0)
+    assert client.set_parameters(
+        plausibility__max_gate=100.0, plausibility__timeout=60.0).successful
     nis = client.received["depth_plausibility/nis"]
     stamped_nis = client.received["depth_plausibility/nis_stamped"]
 
@@ -251,6 +241,6 @@ def test_depth_sensor_is_checked(client: Any, parts: Any) -> None:
     status = client.diagnosed("plausibility", "depth_sensor says nan")
     assert status.numbers["refused sensor messages"] == "1"
     sensor.close()
-    set_parameters(client, plausibility__timeout=1.0)
+    assert client.set_parameters(plausibility__timeout=1.0).successful
     status = client.diagnosed("plausibility", "stale: no ")
     assert status.level == DiagnosticStatus.STALE

@@ -8,7 +8,6 @@ import array
 import inspect
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -129,20 +128,16 @@ def test_image_beyond_the_limit_does_not_wait_in_memory(
 def test_burst_is_answered_with_its_newest_frame_and_memory_stays(
     node: Any, client: Any, parts: Any
 ) -> None:
-    def memory() -> float:
-        status = Path(f"/proc/{node.process.pid}/status").read_text()
-        return int(status.split("VmRSS:")[1].split()[0]) / 1024
-
     def burst() -> list[int]:
         stamps = [client.publish(*parts) for _ in range(200)]
         client.result(stamps[-1], "disparity")
         return stamps
 
     burst()
-    before = memory()
+    before = node.memory
     stamps = burst()
     assert sum(client.has("disparity", stamp) for stamp in stamps) < len(stamps)
-    assert memory() - before < 20.0
+    assert node.memory - before < 20.0
     client.wait(
         lambda: int(client.diagnosis("pipeline").numbers["frames skipped"]) > 0, "skipped frames"
     )

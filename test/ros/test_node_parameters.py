@@ -25,7 +25,6 @@ from rcl_interfaces.srv import (
     GetParameters,
     ListParameters,
     SetParameters,
-    SetParametersAtomically,
 )
 from rclpy.parameter import Parameter, parameter_dict_from_yaml_file, parameter_value_to_python
 from type_description_interfaces.srv import GetTypeDescription
@@ -37,16 +36,6 @@ INFOS = {info.name: info for info in [*describe(PipelineConfig), *describe(NodeC
 def client(start_node: Callable[..., Any], make_client: Callable[..., Any]) -> Any:
     start_node("-r", "__ns:=/parameters")
     return make_client(namespace="/parameters")
-
-
-def change(client: Any, **values: Any) -> Any:
-    """Set parameters together; double underscores stand for dots."""
-    parameters = [
-        Parameter(name.replace("__", "."), value=value).to_parameter_msg()
-        for name, value in values.items()
-    ]
-    request = SetParametersAtomically.Request(parameters=parameters)
-    return client.call("uw_visibility/set_parameters_atomically", request).result
 
 
 def get(client: Any, *names: str) -> list[Any]:
@@ -117,20 +106,20 @@ def test_refused_change_says_why_and_changes_nothing(
     client: Any, values: dict[str, Any], reason: str
 ) -> None:
     before = get(client, "assessment.contrast")
-    result = change(client, assessment__contrast=0.1, **values)
+    result = client.set_parameters(assessment__contrast=0.1, **values)
     assert not result.successful
     assert reason in result.reason
     assert get(client, "assessment.contrast") == before
 
 
 def test_whole_number_stands_for_a_decimal_one(client: Any) -> None:
-    assert change(client, max_range=30).successful
+    assert client.set_parameters(max_range=30).successful
     assert get(client, "max_range") == [30.0]
 
 
 def test_a_dump_of_the_node_loads_again(client: Any, tmp_path: Path) -> None:
     """As ``ros2 param dump`` writes it and ``ros2 param load`` reads and sends it."""
-    assert change(client, camera__vignetting=[1e-05, -2e-07, 0.0], tracking__light_rate=1e-4
+    assert client.set_parameters(camera__vignetting=[1e-05, -2e-07, 0.0], tracking__light_rate=1e-4
                   ).successful
     listed = client.call("uw_visibility/list_parameters", ListParameters.Request()).result.names
     values = dict(zip(listed, get(client, *listed), strict=True))
@@ -161,13 +150,13 @@ def test_changes_that_are_not_atomic_are_judged_one_by_one(client: Any) -> None:
 
 def test_change_holds_from_the_next_frame(client: Any, parts: Any) -> None:
     client.connect(*parts)
-    assert change(client, max_range=100.0, assessment__contrast=0.05).successful
+    assert client.set_parameters(max_range=100.0, assessment__contrast=0.05).successful
     before = client.result(client.publish(*parts), "visibility/distance")[0]
-    assert change(client, assessment__contrast=0.2).successful
+    assert client.set_parameters(assessment__contrast=0.2).successful
     after = client.result(client.publish(*parts), "visibility/distance")[0]
     expected = math.log(0.8 / 0.4 + 1) / math.log(0.95 / 0.1 + 1)
     assert after.range / before.range == pytest.approx(expected, rel=1e-3)
-    assert change(client, max_range=0.5).successful
+    assert client.set_parameters(max_range=0.5).successful
     beyond = client.result(client.publish(*parts), "visibility/distance")[0]
     assert (beyond.range, beyond.max_range) == (math.inf, 0.5)
 
@@ -183,6 +172,6 @@ def test_change_that_no_image_of_the_size_in_use_allows_is_refused(
         ({"camera__flat_field": str(field)}, "the flat field has 100x100 px and the image 160x120"),
         ({"max_megapixels": 0.01}, "images have 160x120 pixels, more than max_megapixels"),
     ):
-        result = change(client, **values)
+        result = client.set_parameters(**values)
         assert (result.successful, reason in result.reason) == (False, True), result.reason
     client.result(client.publish(*parts), "disparity")
