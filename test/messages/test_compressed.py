@@ -66,6 +66,9 @@ def test_mosaic_in_a_png_is_interpolated(pattern: str, bits: int) -> None:
     assert encoding == f"rgb{bits}"
     expected = np.array([200, 120, 40]) * (1 if bits == 8 else 256)
     np.testing.assert_array_equal(pixels[2:-2, 2:-2], np.broadcast_to(expected, (12, 12, 3)))
+    other = "grbg" if pattern[0] != "g" else "rggb"
+    with pytest.raises(InputError, match="green pixels are those of"):
+        read_compressed(message(kind.replace(pattern, other), mosaic, ".png"))
 
 
 def test_mosaic_that_its_publisher_interpolated_is_colour() -> None:

@@ -99,6 +99,30 @@ def test_bayer_patterns_keep_the_colour(pattern: str, bits: int) -> None:
     np.testing.assert_array_equal(read_image(message)[2:-2, 2:-2], np.tile(expected, (4, 4, 1)))
 
 
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+def test_a_bayer_pattern_with_green_elsewhere_is_refused(pattern: str, bits: int) -> None:
+    """As of a driver that flips the image, and states the sensor's order."""
+    random = np.random.default_rng(0)
+    colour = {"r": 40, "g": 120, "b": 100}
+    tile = np.array([colour[c] for c in pattern]).reshape(2, 2)
+    mosaic = np.tile(tile, (20, 30)) + random.normal(0.0, 5.0, (40, 60))
+    dtype = np.uint8 if bits == 8 else np.uint16
+    for stated in ("rggb", "bggr", "gbrg", "grbg"):
+        message = image(mosaic.astype(dtype), f"bayer_{stated}{bits}")
+        if (stated[0] == "g") is (pattern[0] == "g"):
+            assert read_image(message).shape == (40, 60, 3)
+            continue
+        with pytest.raises(
+            InputError,
+            match=f"left image has the encoding bayer_{stated}{bits}, but .*bayer_{pattern}{bits}",
+        ):
+            read_image(message, "left image")
+    # Nothing tells where green is in a grey image.
+    grey = (100 + random.normal(0.0, 5.0, (40, 60))).astype(dtype)
+    assert read_image(image(grey, f"bayer_{pattern}{bits}")).shape == (40, 60, 3)
+
+
 def test_view_shares_the_messages_memory() -> None:
     data = np.zeros(18, np.uint8)
     view = image_view(image(np.zeros((2, 3, 3), np.uint8), "bgr8", data=data))

@@ -21,7 +21,7 @@ from uw_visibility.images.arrays import Image
 from uw_visibility.images.chroma import ChromaImage, mosaic_chroma, subsampled_chroma
 from uw_visibility.images.encoded import JPEG, PNG, TruncatedError, decode, read_size
 from uw_visibility.images.jpeg import jpeg_chroma
-from uw_visibility.messages.images import ENCODINGS, SUBSAMPLED
+from uw_visibility.messages.images import ENCODINGS, SUBSAMPLED, check_mosaic
 
 T = TypeVar("T")
 
@@ -49,6 +49,7 @@ def read_compressed(message: Any, name: str = "image") -> tuple[Image, str]:
     if stored.ndim == 2:
         encoding = f"{original.removesuffix('16').removesuffix('8')}{bits}"
         if original.startswith("bayer_") and encoding in ENCODINGS:
+            check_mosaic(stored, encoding, name)
             return cv2.cvtColor(stored, ENCODINGS[encoding].to_rgb), ENCODINGS[encoding].output
         return stored, f"mono{bits}"
     order = "rgb" if original.startswith("rgb") else "bgr"
