@@ -59,6 +59,19 @@ def test_a_night_is_assessed_and_restored(night: RenderedFrame, pipeline: Pipeli
     assert 1.0 - restored < 0.3 * (1.0 - raw)
 
 
+def test_open_water_by_night_keeps_its_light(pipeline: Pipeline) -> None:
+    renderer = Renderer(CAMERA, lighting=Lighting(LAMPS, daylight=False, shaded=False))
+    level = Pose((0.0, 0.0, 1.2), tilt=np.radians(5.0))
+    night = renderer.render(reef(1, length=0.0), level, Water(0.15, 40.0), seed=1)
+    result = pipeline.process(night.left, night.right)
+    water = ~np.isfinite(night.range_left)
+    near = np.isfinite(result.disparity) & (night.range_left < 3.0)
+    changed = np.abs(result.left_enhanced.astype(float) - night.left).mean(axis=2)
+    assert changed[water].mean() < 1.0
+    assert result.images.limited[water].mean() > 0.9
+    assert changed[near].mean() > 10.0
+
+
 def test_water_is_told_from_ranges_that_only_a_coarser_scale_shows(pipeline: Pipeline) -> None:
     renderer = Renderer(CAMERA, lighting=Lighting(LAMPS, daylight=False, shaded=False))
     pose = Pose((0.0, 0.0, 1.5), tilt=np.radians(15.0))

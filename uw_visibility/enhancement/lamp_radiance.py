@@ -42,14 +42,16 @@ class LampRestorer:
         range_map: RangeMap,
         field: LightField,
         noise: Array,
+        known: NDArray[np.float32],
     ) -> tuple[NDArray[np.generic], NDArray[np.bool_]]:
         """Recover the radiance under lamps: the result is as in even, white light.
 
         A white patch becomes the largest pixel value, at any place and range. Where there is hardly
         any light, the gain is limited and the image fades to black; a channel whose gain is limited
         is complemented by the mean of all, so that far surfaces have no colour cast. Unknown and
-        infinite ranges count as the farthest one of `field`. A channel with NaN in `field` stays
-        unchanged. See `Restorer.restore` for parameters and returned values.
+        infinite ranges count as the farthest one of `field`. Where the reliability `known` of the
+        range is small, as in open water, the image keeps its light. A channel with NaN in `field`
+        stays unchanged. See `Restorer.restore` for parameters and returned values.
         """
         decode = linear_table(self._transfer, image.dtype)
         # Noise at low irradiance, where gains are large.
@@ -57,8 +59,8 @@ class LampRestorer:
         most = np.maximum(self._config.max_noise / np.maximum(error, 1e-9), _LEAST_GAIN)
         brightest = np.nan_to_num(np.exp(field.log_direct)).reshape(3, -1).max(axis=1)
         limits = np.minimum(most, self._config.max_gain / np.clip(brightest, 1e-6, 1.0))
-        known = np.isfinite(field.log_direct).all(axis=(1, 2, 3))
-        known &= np.isfinite(field.scattered).all(axis=(1, 2, 3))
+        assessable = np.isfinite(field.log_direct).all(axis=(1, 2, 3))
+        assessable &= np.isfinite(field.scattered).all(axis=(1, 2, 3))
         grid = np.array([
             field.rows[1] - field.rows[0], field.columns[1] - field.columns[0]], np.float32)
         # Nodes of direct and scattered light side by side.
@@ -70,18 +72,20 @@ class LampRestorer:
         self._workers.rows(
             _restore, len(image), image, range_map, decode,
             encode_table(self._transfer, image.dtype), light, grid,
-            limits.astype(np.float32), known, find_grain(image, noise, decode), enhanced, limited)
+            limits.astype(np.float32), assessable, known, find_grain(image, noise, decode),
+            enhanced, limited)
         return enhanced, limited
 
 
 @njit(nogil=True, error_model="numpy")
 def _restore(
     start: int, stop: int, image: Any, distance: Any, decode: Any, encode: Any, light: Any,
-    grid: Any, limits: Any, known: Any, grain: Any, enhanced: Any, limited: Any,
+    grid: Any, limits: Any, assessable: Any, trust: Any, grain: Any, enhanced: Any, limited: Any,
 ) -> None:
     """Restore a band of rows, plane by plane, so that the compiler vectorises loops.
 
-    `light` is (Y, 3, X, R, 2); `grain` (H, W, 3) is left out, and added again without gain.
+    `light` is (Y, 3, X, R, 2); `grain` (H, W, 3) is left out, and added again without gain. Of the
+    change the part `trust` (H, W) is applied.
     """
     width = image.shape[1]
     last_row, last_column = light.shape[0] - 1, light.shape[2] - 1
@@ -115,9 +119,9 @@ def _restore(
             place = min(np.log(at / nearest) * np.float32(_NODES), last_node)
             node[x] = index_of(place, 0, light.shape[3] - 2)
             along[x] = place - np.float32(node[x])
-            limited[y, x] = not inside
+            limited[y, x] = not inside or trust[y, x] < half
         for c in range(3):
-            if not known[c]:
+            if not assessable[c]:
                 kept[c] = 0
                 value[c] = 0
                 continue
@@ -141,13 +145,15 @@ def _restore(
                     + kept[2, x] * value[2, x]) / total
             best = max(kept[0, x], max(kept[1, x], kept[2, x]))
             for c in range(3):
-                limited[y, x] |= known[c] and kept[c, x] < one
+                limited[y, x] |= assessable[c] and kept[c, x] < one
                 radiance = value[c, x] + (best - kept[c, x]) * mean
                 radiance = radiance if radiance > zero else zero
                 radiance = radiance if radiance < one else one
+                seen = decode[image[y, x, c]] - grain[y, x, c]
+                radiance = seen + trust[y, x] * (radiance - seen)
                 value[c, x] = (radiance + grain[y, x, c]) * top + half
         for c in range(3):
             for x in range(width):
                 enhanced[y, x, c] = (
-                    encode[np.uint32(index_of(value[c, x], zero, top))] if known[c]
+                    encode[np.uint32(index_of(value[c, x], zero, top))] if assessable[c]
                     else image[y, x, c])

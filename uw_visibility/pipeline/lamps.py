@@ -14,11 +14,18 @@ from scipy.special import expit
 
 from uw_visibility.compute.threads import Workers
 from uw_visibility.config.schema import PipelineConfig
+from uw_visibility.enhancement.known_range import known_range
 from uw_visibility.enhancement.lamp_radiance import LampRestorer
 from uw_visibility.images.arrays import Array, Image, Mask, PerChannel, RangeMap
 from uw_visibility.images.view import StereoViews, View
 from uw_visibility.optics.lamps import LEFT_EYE, tabulate
-from uw_visibility.pipeline.result import NOT_LIMITED, NOT_WANTED, EnhancedImages, FilledStereo
+from uw_visibility.pipeline.result import (
+    NOT_LIMITED,
+    NOT_WANTED,
+    EnhancedImages,
+    FilledRanges,
+    FilledStereo,
+)
 from uw_visibility.status import Status
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.daylight.estimation import WaterEstimator
@@ -102,6 +109,7 @@ class LampEnhancement:
         self._lamps = tuple(config.lighting.lamps())
         self._rays = rig.rays_at, partial(rig.rays_at, right=True)
         self._eyes = LEFT_EYE, (rig.baseline, 0.0, 0.0)
+        self._range_error, self._max_gap = rig.range_error(), config.enhancement.max_gap
         self._workers = workers
         self._restorer = LampRestorer(config.enhancement, config.camera.transfer, workers)
 
@@ -110,7 +118,8 @@ class LampEnhancement:
         view = View.of(image)
         one, none = np.ones(3), np.zeros(3)
         light = LampLight(0.2 * one, one, 0.1 * one, none, none)
-        self._restore(view, np.full(view.shape, 2.0, np.float32), light, False)
+        ranges = FilledRanges(np.full(view.shape, 2.0, np.float32), np.ones(view.shape, np.bool_))
+        self._restore(view, ranges, light, False)
 
     def run(
         self, views: StereoViews, filled: FilledStereo, light: LampLight | None,
@@ -120,18 +129,18 @@ class LampEnhancement:
         left, limited, right = NOT_WANTED, NOT_LIMITED, NOT_WANTED
         power = None if light is None else light.power
         if "left" in sides:
-            left, limited = self._restore(views.left, filled.left.range_map, light, False)
+            left, limited = self._restore(views.left, filled.left, light, False)
         if filled.right is not None:
             if light is not None and views.right.colour is not None:
                 light = replace(
                     light, power=light.power * right_gain,
                     scattering=light.scattering * right_gain,
                     daylight=light.daylight * right_gain, veil=light.veil * right_gain)
-            right, _ = self._restore(views.right, filled.right.range_map, light, True)
+            right, _ = self._restore(views.right, filled.right, light, True)
         return EnhancedImages(left, right, limited, power)
 
     def _restore(
-        self, view: View, range_map: RangeMap, light: LampLight | None, right: bool
+        self, view: View, ranges: FilledRanges, light: LampLight | None, right: bool
     ) -> tuple[Image, Mask]:
         # Restoring only some of the channels would give a colour cast.
         if light is None or view.colour is None or not np.isfinite(light.attenuation).all():
@@ -139,4 +148,8 @@ class LampEnhancement:
         tables = tabulate(self._rays[right], view.shape, self._lamps, self._eyes[right])
         field = tables.field(
             light.attenuation, light.power, light.scattering, light.daylight, light.veil)
-        return self._restorer.restore(view.pixels, range_map, field, view.noise)
+        known = known_range(
+            view.pixels, *ranges, view.low_frequency_noise, light.attenuation, self._range_error,
+            self._max_gap)
+        return self._restorer.restore(
+            view.pixels, known.range_map, field, view.noise, known.known)
