@@ -30,16 +30,6 @@ def test_black_disc_is_seen_over_attenuation_lengths():
     np.testing.assert_allclose(black_disc_visibility([0.1, 1.2]), [48.0, 4.0])
 
 
-def test_secchi_disk_by_the_formula():
-    # 2.5 Kd Z = ln((0.14 - Rrs) / 0.013), so that the difference comes down to 0.013.
-    depth = secchi_depth(0.12, 0.006)
-    assert (0.14 - 0.006) * np.exp(-2.5 * 0.12 * depth) == pytest.approx(0.013)
-    # Water brighter than the disk hides it as well.
-    assert secchi_depth(0.5, 0.28) == pytest.approx(secchi_depth(0.5, 0.0))
-    # About one over Kd, as Lee et al. find (2015).
-    assert secchi_depth(0.1, 0.005) * 0.1 == pytest.approx(0.94, abs=0.01)
-
-
 @pytest.mark.parametrize(("diffuse", "reflectance", "expected"), [
     (0.02, 0.012, 45.7416), (0.05, 0.008, 18.5428), (0.1, 0.005, 9.3613), (0.25, 0.004, 3.7563),
     (0.6, 0.010, 1.5351), (1.5, 0.020, 0.5927), (4.0, 0.030, 0.2136), (8.0, 0.2, 0.0765),

@@ -81,14 +81,6 @@ def test_each_pixel_is_smoothed_as_its_own_noise_asks_for() -> None:
     assert np.std(smoothed[far]) < 0.4 * np.std(smoothed[near])
 
 
-def test_threads_do_not_change_a_bit() -> None:
-    gain = gain_of(3.0) * np.linspace(0.2, 5, SHAPE[1], dtype=np.float32)
-    images = [noise_image(2) for _ in range(2)]
-    for image, threads in zip(images, (1, 3), strict=True):
-        smooth(image, gain, 600.0, Workers(threads))
-    np.testing.assert_array_equal(*images)
-
-
 def correct_share(left: np.ndarray, right: np.ndarray, noise: float, disparity: int) -> float:
     """Share of pixels that are matched correctly when the matcher is given the noise."""
     config = StereoConfig(max_disparity=32)

@@ -117,11 +117,6 @@ def test_a_distance_has_the_interval_that_the_posterior_tells():
     assert math.isnan(wide.distance_low) and math.isnan(wide.distance)
 
 
-def test_errors_of_independent_channels_average():
-    seen = ASSESSOR.assess(estimate(KAPPA + 0.1, [0.5, 0.6, 0.7]))
-    assert seen.mean_attenuation_stddev == pytest.approx(0.01 / math.sqrt(3))
-
-
 @pytest.mark.parametrize("reason", [s for s in Status if s is not Status.OK])
 def test_what_was_not_estimated_is_not_assessed(reason):
     seen = ASSESSOR.assess(WaterEstimate.not_assessable(reason))

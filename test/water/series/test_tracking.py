@@ -490,12 +490,6 @@ def test_frames_at_their_usual_pace_are_no_gaps(period):
     np.testing.assert_allclose(found[1], found[0], rtol=0.01)
 
 
-def test_before_any_estimate_there_is_no_state():
-    out = WaterTracker().update(WaterEstimate.not_assessable(Status.NO_COLOUR), 0.0)
-    assert out.status is Status.NO_COLOUR
-    assert np.isnan(out.attenuation).all()
-
-
 def without_red(frame):
     covariance = frame.covariance.copy()
     covariance[:2, :], covariance[:, :2] = np.nan, np.nan
