@@ -153,20 +153,13 @@ class Synchronizer:
                 # Its own partner was given to an image that is farther from it.
                 self._drop(f"{side} image unmatched")
                 return []
-        tolerance = round(self.config.tolerance * 1e9)
-        near = [waiting for waiting in self._waiting[other] if abs(waiting - stamp) <= tolerance]
-        if not near:
+        partner = self._partner(other, stamp)
+        if partner is None:
             self._wait(side, stamp, image)
             return []
-        partner = min(near, key=lambda waiting: abs(waiting - stamp))
         pair = {side: (stamp, image), other: (partner, self._waiting[other].pop(partner))}
         self._paired = {side: stamp, other: partner}
-        newest = min(stamp, partner)
-        restarted = self._last is not None and newest < self._last
-        if restarted:
-            self._forget_before_restart()
-        self._last = newest
-        self._drop_unmatched(lambda waiting: waiting < newest)
+        restarted = self._advance(min(stamp, partner))
         frames = self._release(at_once=True)
         self._pair = pair
         frames += self._release(at_once=False)
@@ -193,6 +186,12 @@ class Synchronizer:
         # Images older than the last pair belong to the restarted recording.
         self._drop_unmatched(lambda stamp: self._last is not None and stamp > self._last)
 
+    def _partner(self, side: str, stamp: int) -> int | None:
+        """Return the stamp of the nearest waiting image within the tolerance."""
+        tolerance = round(self.config.tolerance * 1e9)
+        near = [other for other in self._waiting[side] if abs(other - stamp) <= tolerance]
+        return min(near, key=lambda other: abs(other - stamp), default=None)
+
     def _wait(self, side: str, stamp: int, image: Any) -> None:
         queue = self._waiting[side]
         queue[stamp] = image
@@ -201,6 +200,18 @@ class Synchronizer:
         while len(queue) > self.config.queue_size:
             del queue[next(iter(queue))]
             self._drop(f"{side} image unmatched")
+
+    def _advance(self, stamp: int) -> bool:
+        """Store the stamp of a new pair, and drop waiting images that are older.
+
+        Returns whether the pair is from a restarted recording.
+        """
+        restarted = self._last is not None and stamp < self._last
+        if restarted:
+            self._forget_before_restart()
+        self._last = stamp
+        self._drop_unmatched(lambda other: other < stamp)
+        return restarted
 
     def _release(self, at_once: bool) -> list[SynchronizedFrame]:
         """Return the waiting pair with its CameraInfo, if that is there or not waited for."""

@@ -136,13 +136,7 @@ class FirstStep:
         def compare_views() -> tuple[PerChannel, View]:
             with clock("gain and foreground"):
                 gain = right_gain(left.pixels, right.pixels, support.points, left.transfer)
-                # Unmatched close objects are not valid pixels.
-                objects = None
-                if left.pixels.ndim == 3:
-                    objects = foreground_mask(left.pixels, support.points, left.transfer)
-                if objects is None:
-                    return gain, views.left
-                return gain, views.left.without(self._pyramid.repeat(objects))
+                return gain, self._without_foreground(views.left, left.pixels, support)
 
         def matte() -> DisparityMap:
             with clock("matting"):
@@ -163,6 +157,13 @@ class FirstStep:
             right_gain=gain,
             coverage=float(np.count_nonzero(np.isfinite(mesh)) / mesh.size),
             by_chance=by_chance)
+
+    def _without_foreground(self, view: View, small: Image, support: SupportPoints) -> View:
+        """Remove unmatched close objects from the valid pixels."""
+        if small.ndim == 2:
+            return view
+        found = foreground_mask(small, support.points, view.transfer)
+        return view if found is None else view.without(self._pyramid.repeat(found))
 
     def _estimate(self, view: View, mesh: DisparityMap, support_points: int) -> WaterEstimate:
         if support_points < FEWEST_SUPPORT_POINTS:

@@ -222,14 +222,7 @@ class InnovationModel:
         log_right = right.update(taken, ahead, observation)
         transition[OFFSET, DRIFT] = taken.elapsed
         added[:, OFFSET, OFFSET] = WALK * taken.elapsed
-        faults = []
-        if self._faults:
-            updated, log_densities = _stacked([fault.filter for fault in self._faults]).predict(
-                transition, added).update(observation)
-            faults = [
-                Fault(fault.onsets, Filter(means, covariances), fault.log_evidence + log_density)
-                for fault, means, covariances, log_density in zip(
-                    self._faults, *updated, log_densities, strict=True)]
+        faults = _updated(self._faults, transition, added, observation)
         faults.append(Fault(1, begun, log_begun))
         _merge(faults)
         total = float(np.logaddexp.reduce([fault.log_evidence for fault in faults], None))
@@ -326,6 +319,21 @@ class Fault(NamedTuple):
     onsets: int
     filter: Filter
     log_evidence: Array
+
+
+def _updated(
+    faults: Sequence[Fault], transition: Array, added: Array, observation: Observation
+) -> list[Fault]:
+    """Predict faults, and update them with a difference."""
+    if not faults:
+        return []
+    ahead = _stacked([fault.filter for fault in faults]).predict(transition, added)
+    updated, log_densities = ahead.update(observation)
+    return [
+        Fault(fault.onsets, Filter(means, covariances), fault.log_evidence + log_density)
+        for fault, means, covariances, log_density in zip(
+            faults, *updated, log_densities, strict=True)
+    ]
 
 
 def _merge(faults: list[Fault]) -> None:

@@ -174,11 +174,7 @@ class NodeCore:
         """Return the findings by part of the node; log a lack of output, too."""
         since = self._active_since
         resting = self.input.resting and since is not None
-        # Why there is no output, or "".
-        reason = "the node is not active: activate it"
-        if since is not None:
-            reason = "" if resting else (
-                self.state.obstacle() or self.input.silence() or self.state.silence())
+        reason = "" if resting else self._silence()
         waited = self.state.ready and since is not None and time.monotonic() - since > SILENCE
         if reason and waited:
             self._silences.add(f"no output: {reason}")
@@ -336,6 +332,12 @@ class NodeCore:
     def _on_clock_jump(self, jump: Any) -> None:
         self._on_restart()
         self.input.synchronizer.restart(self._node.get_clock().now().nanoseconds)
+
+    def _silence(self) -> str:
+        """Return the reason for a lack of output, or ""."""
+        if self._active_since is None:
+            return "the node is not active: activate it"
+        return self.state.obstacle() or self.input.silence() or self.state.silence()
 
 
 def check_megapixels(width: int, height: int, most: float) -> None:

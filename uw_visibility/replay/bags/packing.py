@@ -102,10 +102,14 @@ def unpack_file(source: Path, target: Path) -> str:
     return ""
 
 
-# Decompression of rosbags is unlimited by default.
-for _name in ("zstd", "lz4"):
-    # The stated size cannot be trusted.
-    rosbags.rosbag2.storage_mcap.DECOMPRESSORS[_name] = (
-        lambda data, size, name=_name: unpack(data, name, min(size, MOST_AT_ONCE)))
-for _name in ("bz2", "lz4"):
-    rosbags.rosbag1.reader.decompressors[_name] = lambda data, name=_name: unpack(data, name)
+def _limit_rosbags() -> None:
+    """Limit the decompression of rosbags, which is unlimited by default."""
+    ros2, ros1 = rosbags.rosbag2.storage_mcap.DECOMPRESSORS, rosbags.rosbag1.reader.decompressors
+    for name in ("zstd", "lz4"):
+        # The stated size cannot be trusted.
+        ros2[name] = lambda data, size, name=name: unpack(data, name, min(size, MOST_AT_ONCE))
+    for name in ("bz2", "lz4"):
+        ros1[name] = lambda data, name=name: unpack(data, name)
+
+
+_limit_rosbags()

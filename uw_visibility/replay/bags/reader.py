@@ -244,21 +244,11 @@ def find_files(path: Path) -> Layout:
         packed = str(about.get("compression_mode", "")).lower() == "message"
         expected = {}
         for topic in about.get("topics_with_message_count", []):
-            count = topic["message_count"]
-            if not isinstance(count, int) or count < 0:
-                raise TypeError("the number of messages is not a count")
-            expected[str(topic["topic_metadata"]["name"])] = count
+            expected[str(topic["topic_metadata"]["name"])] = _count(topic["message_count"])
         # Names only: a path could lead out of the bag.
         names = [Path(str(name)).name for name in about["relative_file_paths"]]
     except (InputError, KeyError, TypeError, AttributeError) as error:
-        files = [file for file in _files(path) if suffix(file) in SUFFIXES]
-        if not files:
-            raise InputError(
-                f"cannot read bag {path}: it has no metadata.yaml and no recording"
-            ) from error
-        # ROS 1 bags have no metadata.yaml.
-        notes = ["metadata.yaml is missing or damaged"] if files[0].suffix != ".bag" else []
-        return Layout(files, notes=notes)
+        return _without_metadata(path, error)
     there = {file.name: file for file in _files(path)}
     missing = [name for name in names if name not in there]
     if len(missing) == len(names):
@@ -270,6 +260,12 @@ def find_files(path: Path) -> Layout:
     notes = [f"missing files: {', '.join(map(printable, missing))}"] if missing else []
     files = [path / name for name in names if name not in missing]
     return Layout(files, packed, expected, notes)
+
+
+def _count(value: object) -> int:
+    if not isinstance(value, int) or value < 0:
+        raise TypeError("the number of messages is not a count")
+    return value
 
 
 def _files(path: Path) -> list[Path]:
@@ -286,3 +282,14 @@ def _place(file: Path) -> tuple[list[str | int], str]:
 def suffix(file: Path) -> str:
     """Return the suffix of a file, without that of its compression."""
     return Path(file.stem).suffix if file.suffix == PACKED else file.suffix
+
+
+def _without_metadata(path: Path, error: Exception) -> Layout:
+    files = [file for file in _files(path) if suffix(file) in SUFFIXES]
+    if not files:
+        raise InputError(
+            f"cannot read bag {path}: it has no metadata.yaml and no recording"
+        ) from error
+    # ROS 1 bags have no metadata.yaml.
+    notes = ["metadata.yaml is missing or damaged"] if files[0].suffix != ".bag" else []
+    return Layout(files, notes=notes)

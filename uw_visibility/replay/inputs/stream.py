@@ -82,11 +82,7 @@ class InputStream:
             reader.channels, options.wanted, rectify=options.node.rectify,
             calibrated=options.infos is not None, sensor_type=options.sensor_type,
         )
-        span = reader.span
-        if span is not None and options.start > (span[1] - span[0]) / 1e9:
-            raise InputError(
-                f"--start is {options.start:g}: {reader.path.name} ends after "
-                f"{(span[1] - span[0]) / 1e9:.1f} s")
+        self._check_start()
         self._check_topics()
         self._joins: dict[str, list[ScalarTopic]] = {}
         for join in options.joins:
@@ -156,6 +152,15 @@ class InputStream:
             if expected is not None and read < expected:
                 notes.append(f"{expected - read} of {expected} messages on {topic} are missing")
         return notes
+
+    def _check_start(self) -> None:
+        """Refuse a start after the end of the recording."""
+        span = self._reader.span
+        if span is not None and self._options.start > (span[1] - span[0]) / 1e9:
+            raise InputError(
+                f"--start is {self._options.start:g}: {self._reader.path.name} ends after "
+                f"{(span[1] - span[0]) / 1e9:.1f} s"
+            )
 
     def _check_topics(self) -> None:
         """Refuse joined topics that are missing, and an Odometry without --origin."""

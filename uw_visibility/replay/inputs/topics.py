@@ -118,16 +118,20 @@ def _is_rectified(image: str) -> bool:
     return "rect" in image.rpartition("/left")[2]
 
 
-def _right_of(channels: Mapping[str, Channel], left: str) -> str | None:
-    """Return the right image of a left one, of the same transport if there is one.
-
-    None without "left" in the name of the topic.
-    """
-    if not re.search("left", left, re.IGNORECASE):
+def partner(topic: str) -> str | None:
+    """Return the topic of the right image for the left one; None without "left" in its name."""
+    if not re.search("left", topic, re.IGNORECASE):
         return None
-    other = left
     for old, new in (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT")):
-        other = other.replace(old, new)
+        topic = topic.replace(old, new)
+    return topic
+
+
+def _right_of(channels: Mapping[str, Channel], left: str) -> str | None:
+    """Return the right image of a left one, of the same transport if there is one."""
+    other = partner(left)
+    if other is None:
+        return None
     raw = other.removesuffix("/compressed")
     return next((name for name in (other, raw, f"{raw}/compressed") if name in channels), None)
 

@@ -71,6 +71,13 @@ def variables(dark: bool) -> str:
     )
 
 
+def themed(svg: str) -> str:
+    """Return a drawing with the colour variables of the page."""
+    drawn = "|".join(colour for colour in _VARIABLES if colour != SURFACES["paper"].light)
+    return re.sub(
+        rf"(fill|stroke): ({drawn})\b", lambda m: f"{m[1]}: var(--{_VARIABLES[m[2]]})", svg)
+
+
 class Spot(NamedTuple):
     """Part of a drawing with a text that is shown when pointed at.
 
@@ -124,14 +131,11 @@ def _draw(
     body = re.sub(r'\bid="', f'id="{name}-', body)
     body = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", body).replace("xlink:href", "href")
     body = body.replace("</svg>", f"{over}</svg>")
-    drawn = "|".join(colour for colour in _VARIABLES if colour != SURFACES["paper"].light)
-    body = re.sub(
-        rf"(fill|stroke): ({drawn})\b", lambda m: f"{m[1]}: var(--{_VARIABLES[m[2]]})", body)
     width, height = (72.0 * inches for inches in size)
     return Markup(
         f'<svg class="plot {kind}" role="img" viewBox="0 0 {width:g} {height:g}" '
         f'aria-labelledby="{name}-title {name}-desc"><title id="{name}-title">{escape(title)}'
-        f'</title><desc id="{name}-desc">{escape(description)}</desc>{body}'
+        f'</title><desc id="{name}-desc">{escape(description)}</desc>{themed(body)}'
     )
 
 
