@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import yaml
 
-from uw_visibility.commands.calibration_file import read_rig
+from uw_visibility.commands.calibration_file import read_camera_infos, read_rig
 from uw_visibility.errors import InputError
 
 P1 = [[400.0, 0.0, 160.0, 0.0], [0.0, 400.0, 120.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
@@ -67,6 +67,25 @@ def test_a_file_of_opencv_is_named_as_such(tmp_path: Path) -> None:
 
 def test_the_size_is_unknown_where_json_does_not_state_it(tmp_path: Path) -> None:
     assert read_rig([write(tmp_path / "pair.json", {"P1": P1, "P2": P2})])[1] is None
+
+
+def test_json_that_rectifies_says_how(tmp_path: Path) -> None:
+    content: dict[str, Any] = {"P1": P1, "P2": P2, "width": 320, "height": 240}
+    path = write(tmp_path / "pair.json", content)
+    assert [info.k for info in read_camera_infos([path])] == [[400, 0, x, 0, 400, 120, 0, 0, 1]
+                                                              for x in (160, 150)]
+    missing = r"pair\.json has no K_left, D_left, R1, K_right, D_right, R2: .* --rectify"
+    with pytest.raises(InputError, match=missing):
+        read_camera_infos([path], rectify=True)
+    for side in ("left", "right"):
+        content[f"K_{side}"] = [[390, 0, 161], [0, 391, 121], [0, 0, 1]]
+        content[f"D_{side}"] = [0.05, -0.01, 0.002, 0.0]
+    content |= {name: [[1, 0, 0], [0, 1, 0], [0, 0, 1]] for name in ("R1", "R2")}
+    for model in ("plumb_bob", "equidistant"):
+        content |= {"distortion_model": model} if model != "plumb_bob" else {}
+        infos = read_camera_infos([write(path, content)], rectify=True)
+        assert [info.distortion_model for info in infos] == [model] * 2
+        assert (infos[0].k[0], infos[1].d[0]) == (390, 0.05)
 
 
 @pytest.mark.parametrize(

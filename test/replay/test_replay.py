@@ -248,6 +248,17 @@ def test_a_calibration_from_a_file_takes_the_place_of_camera_info(
     assert run(bag, tmp_path / "out", "--calibration", str(path)).code == 0
     expected = (replayed / "frames.csv").read_bytes()
     assert (tmp_path / "out" / "frames.csv").read_bytes() == expected
+    raw = copy_bag(bag, tmp_path / "raw", edit=lambda messages: (
+        (topic.replace("image_rect", "image_raw"), *others) for topic, *others in messages))
+    content = json.loads(path.read_text()) | {"D_left": [-0.1, 0, 0, 0]}
+    path.write_text(json.dumps(content))
+    capsys.readouterr()
+    for words, reason in (
+        ((), "/left/image_raw is raw by its name, and by its calibration not rectified"),
+        (("--rectify",), f"{path} has no K_left, R1, K_right, D_right, R2: add them to rectify"),
+    ):
+        assert run(raw, tmp_path / "no", "--calibration", str(path), *words).code == 2
+        assert reason in capsys.readouterr().err
 
 
 def test_pictures_video_and_map_on_request(transect: Path, tmp_path: Path) -> None:

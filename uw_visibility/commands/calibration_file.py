@@ -16,6 +16,9 @@ from uw_visibility.config.documents import read_document
 from uw_visibility.errors import InputError, naming
 from uw_visibility.stereo.rig import StereoRig
 
+# Values of a JSON file that rectification needs beside P1 and P2.
+TO_RECTIFY = ("K_left", "D_left", "R1", "K_right", "D_right", "R2")
+
 
 def _info(**fields: Any) -> Any:
     """Return the calibration of one camera with the fields of a CameraInfo."""
@@ -47,11 +50,13 @@ def read_rig(paths: Sequence[str | Path]) -> tuple[StereoRig, tuple[int, int] | 
     )
 
 
-def read_camera_infos(paths: Sequence[str | Path]) -> tuple[Any, Any]:
-    """Read the calibration of each camera of a pair.
+def read_camera_infos(
+    paths: Sequence[str | Path], *, rectify: bool = False
+) -> tuple[Any, Any]:
+    """Read the calibration of each camera of a pair, from which to `rectify` or not.
 
     paths: see `read_rig`. A JSON file must state ``width`` and ``height``; to rectify, it also
-        needs ``K_left``, ``D_left``, ``R1`` and ``K_right``, ``D_right``, ``R2``.
+        needs `TO_RECTIFY`, and ``distortion_model`` unless that is ``plumb_bob``.
     Raises `InputError`, which names the file, if one cannot be read or has another format.
     """
     _, size = read_rig(paths)
@@ -61,13 +66,17 @@ def read_camera_infos(paths: Sequence[str | Path]) -> tuple[Any, Any]:
     content = _read(path)
     if size is None:
         raise InputError(f"calibration {path} has no width and height: add them, in pixels")
+    missing = ", ".join(name for name in TO_RECTIFY if name not in content)
+    if rectify and missing:
+        raise InputError(
+            f"calibration {path} has no {missing}: add them to rectify, or leave out --rectify")
     infos = []
     for side, number in (("left", 1), ("right", 2)):
         projection = np.asarray(content[f"P{number}"], np.float64)
         infos.append(_info(
             width=size[0],
             height=size[1],
-            distortion_model="plumb_bob",
+            distortion_model=content.get("distortion_model", "plumb_bob"),
             k=_numbers(path, content, f"K_{side}", 9, projection[:, :3]),
             d=_numbers(path, content, f"D_{side}", absent=np.zeros(5)),
             r=_numbers(path, content, f"R{number}", 9, np.eye(3)),

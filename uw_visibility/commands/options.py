@@ -120,7 +120,9 @@ def read_recording_options(arguments: argparse.Namespace, **others: Any) -> Repl
         ReplayOptions, arguments, pipeline=pipeline, node=node,
         wanted=of_arguments(Wanted, arguments, depth=arguments.depth_sensor),
         sensor_type=values.get("plausibility.sensor_type"), told=tuple(sorted(values)),
-        infos=read_camera_infos(arguments.calibration) if arguments.calibration else None,
+        infos=(
+            read_camera_infos(arguments.calibration, rectify=node.rectify)
+            if arguments.calibration else None),
         **others,
     )
 

@@ -204,6 +204,7 @@ class InputStream:
         """Add the given calibration, or the last one before the start."""
         if self._options.infos is not None:
             for side, info in zip(("left", "right"), self._options.infos, strict=True):
+                self._check_rectified(info, side)
                 self.synchronizer.add_info(side, 0, info)
             return
         infos = self.selection.infos()
@@ -212,8 +213,11 @@ class InputStream:
         for message in self._reader.messages(infos, None, start):
             list(self._add(self.synchronizer.add_info, infos[message.topic], message))
 
-    def _check_rectified(self, message: Recorded, side: str) -> None:
-        """Refuse images that are raw by their name and need rectification."""
+    def _check_rectified(self, info: Any, side: str) -> None:
+        """Refuse images that are raw by their name and need rectification.
+
+        `info` is a CameraInfo, given or recorded.
+        """
         if side in self._checked:
             return
         self._checked.add(side)
@@ -221,9 +225,9 @@ class InputStream:
         if self.selection.rectify or not is_raw(image):
             return
         try:
-            calibration = CameraCalibration.from_camera_info(
-                self._reader.deserialize(message), side
-            )
+            if isinstance(info, Recorded):
+                info = self._reader.deserialize(info)
+            calibration = CameraCalibration.from_camera_info(info, side)
         except InputError:
             # Frames report why their calibration cannot be used.
             return
@@ -234,7 +238,7 @@ class InputStream:
                 RELATIVE_TOLERANCE, PIXEL_TOLERANCE)
         ):
             raise InputError(
-                f"{image} is raw by its name, and by its camera_info not rectified: add --rectify, "
+                f"{image} is raw by its name, and by its calibration not rectified: add --rectify, "
                 "or name rectified images with --left and --right"
             )
 
