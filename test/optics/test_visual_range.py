@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from uw_visibility.optics import water_type as types
 from uw_visibility.optics.spectra import load_response
 from uw_visibility.optics.visual_range import (
+    SECCHI_DEVIATION,
     black_disc_visibility,
     remote_sensing_reflectance,
     secchi_depth,
@@ -42,6 +44,11 @@ def test_secchi_depths_worked_out_apart(
     Measurements of theirs, which would test the formula and not its code, are not at hand.
     """
     assert secchi_depth(diffuse, reflectance) == pytest.approx(expected, abs=6e-5)
+
+
+def test_secchi_depths_differ_from_measured_ones_by_the_published_mean():
+    # Lee et al. 2015: mean absolute difference of 18 %.
+    assert norm(scale=SECCHI_DEVIATION).expect(abs) == pytest.approx(0.18)
 
 
 @pytest.mark.parametrize(("diffuse", "reflectance", "published"), [

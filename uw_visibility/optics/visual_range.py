@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -32,8 +34,9 @@ SECCHI_DISK_REFLECTANCE = 0.14
 """Remote-sensing reflectance of a Secchi disk at the water's surface, 1/sr (Lee et al. 2015)."""
 SECCHI_CONTRAST = 0.013
 """Least difference of reflectance that an eye sees at the disk, 1/sr."""
-SECCHI_DEVIATION = 0.18
-"""Relative deviation of `secchi_depth`: mean absolute difference from 338 measurements (same)."""
+SECCHI_DEVIATION = 0.18 * math.sqrt(math.pi / 2)
+"""Relative standard deviation of `secchi_depth`: that of a normal distribution whose mean absolute
+difference is 18 %, as from 338 measurements (same)."""
 
 
 def black_disc_visibility(beam_attenuation: ArrayLike) -> Array:
