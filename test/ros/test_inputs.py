@@ -90,6 +90,10 @@ class World:
         self.publish(side, number)
         self.until(lambda: self.count(f"{side} received") == before + 1)
 
+    def pair(self, number: int) -> None:
+        for side in SIDES:
+            self.image(side, number)
+
     def publish(self, side: str, number: int) -> None:
         message = Image()
         message.header.stamp.sec = 100 + number * PERIOD // 1000
@@ -160,8 +164,7 @@ def test_camera_that_is_later_than_the_queue_is_long_is_told_with_the_remedy(
 def test_pairs_of_different_moments_are_told(make_world: Callable[..., World]) -> None:
     world = make_world(synchronization__tolerance=0.15)
     for number in range(4):
-        for side in SIDES:
-            world.image(side, number)
+        world.pair(number)
     assert world.said().level == OK
     assert world.said().values["stamp gap (s)"] == "0.000000"
     # The left image 4 is lost.
@@ -174,8 +177,7 @@ def test_pairs_of_different_moments_are_told(make_world: Callable[..., World]) -
         "both cameras together, and set synchronization.tolerance below 0.05 s"
     )
     for number in range(6, 16):
-        for side in SIDES:
-            world.image(side, number)
+        world.pair(number)
     assert world.gaps == [0, 0, 0, 0, 100, *10 * [0]]
     assert "dropped right image unmatched" in world.said().message
 
@@ -186,11 +188,7 @@ def test_frames_are_not_missed_before_they_are_due(
     monkeypatch.setattr(module, "SILENCE", 0.5)
     world = make_world()
 
-    def pair(number: int) -> None:
-        for side in SIDES:
-            world.image(side, number)
-
-    pair(0)
+    world.pair(0)
     world.input.active = False
     # The cameras go on meanwhile; a node that is not active takes no images.
     time.sleep(0.6)
@@ -199,7 +197,7 @@ def test_frames_are_not_missed_before_they_are_due(
     world.until(lambda: " any more" not in world.input.silence())
     world.input.activate()
     assert world.input.silence() == ""
-    pair(2)
+    world.pair(2)
     assert len(world.frames) == 2
     # Both pause, and one comes back first.
     time.sleep(0.6)
@@ -215,8 +213,7 @@ def test_slow_camera_is_not_silent_before_its_next_image(
     monkeypatch.setattr(module, "SILENCE", 1.0)
     world = make_world()
     for number in (0, 10, 20):
-        for side in SIDES:
-            world.image(side, number)
+        world.pair(number)
         for _ in range(7):
             assert world.input.silence() == ""
             time.sleep(0.1)
@@ -228,11 +225,7 @@ def test_slow_camera_is_not_silent_before_its_next_image(
 def test_simulated_time_without_a_clock_is_told(make_world: Callable[..., World]) -> None:
     world = make_world(use_sim_time=True)
 
-    def pair(number: int) -> None:
-        for side in SIDES:
-            world.image(side, number)
-
-    pair(0)
+    world.pair(0)
     finding = world.said()
     assert finding.level == WARN
     assert finding.message == (
@@ -246,8 +239,7 @@ def test_simulated_time_without_a_clock_is_told(make_world: Callable[..., World]
 def test_camera_info_of_before_a_rest_is_used(make_world: Callable[..., World]) -> None:
     world = make_world()
     for number in (0, 1):
-        for side in SIDES:
-            world.image(side, number)
+        world.pair(number)
         assert (len(world.frames), world.input.silence()) == (number + 1, "")
         world.input.rest(True)
         world.input.rest(False)

@@ -47,6 +47,13 @@ class World:
         self.until(lambda: self.listener.count_publishers("info") == before + 1)
         return publisher
 
+    def heard(self) -> Any:
+        """Make a publisher that is heard by a reliable subscription alone."""
+        publisher = self.publisher(RELIABLE)
+        self.adapt("reliable")
+        self.until(lambda: publisher.get_subscription_count() == 1)
+        return publisher
+
     def until(self, done: Callable[[], bool]) -> None:
         end = time.monotonic() + 20
         while not done():
@@ -90,9 +97,7 @@ def make_world(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., World]
 
 def test_messages_that_find_no_room_are_counted(make_world: Callable[..., World]) -> None:
     world = make_world()
-    publisher = world.publisher(RELIABLE)
-    world.adapt("reliable")
-    world.until(lambda: publisher.get_subscription_count() == 1)
+    publisher = world.heard()
     world.send(publisher, 1)
     world.until(lambda: world.stamps == [1])
     # Of these as many wait as the queue is deep.
@@ -115,9 +120,7 @@ def test_messages_that_find_no_room_are_counted(make_world: Callable[..., World]
 def test_it_is_reliable_while_all_publishers_are(make_world: Callable[..., World]) -> None:
     world = make_world()
     assert world.subscription.reliability == "best effort"
-    reliable = world.publisher(RELIABLE)
-    world.adapt("reliable")
-    world.until(lambda: reliable.get_subscription_count() == 1)
+    reliable = world.heard()
     world.send(reliable, 1)
     world.until(lambda: world.stamps == [1])
     # A reliable subscription would not hear this one.
@@ -161,9 +164,7 @@ def test_change_loses_nothing_and_delivers_nothing_twice(
 def test_stamps_that_a_publisher_repeats_are_passed_on(make_world: Callable[..., World]) -> None:
     # To say so is the synchronizer's.
     world = make_world()
-    publisher = world.publisher(RELIABLE)
-    world.adapt("reliable")
-    world.until(lambda: publisher.get_subscription_count() == 1)
+    publisher = world.heard()
     world.send(publisher, 0, 0)
     world.until(lambda: len(world.stamps) == 2)
     world.send(publisher, 7, 7)
@@ -175,9 +176,7 @@ def test_recording_that_is_played_again_is_delivered_again(
 ) -> None:
     world = make_world()
     for times in (1, 2, 3):
-        publisher = world.publisher(RELIABLE)
-        world.adapt("reliable")
-        world.until(lambda p=publisher: p.get_subscription_count() == 1)
+        publisher = world.heard()
         world.send(publisher, 1, 2, 3)
         world.until(lambda n=times: len(world.stamps) == 3 * n)
         world.speaker.destroy_publisher(publisher)
@@ -258,9 +257,7 @@ def test_what_the_user_asks_for_stays(make_world: Callable[..., World], wish: st
 
 def test_only_the_newest_of_a_burst_wait(make_world: Callable[..., World]) -> None:
     world = make_world()
-    publisher = world.publisher(RELIABLE)
-    world.adapt("reliable")
-    world.until(lambda: publisher.get_subscription_count() == 1)
+    publisher = world.heard()
     world.send(publisher, *range(1, 9))
     time.sleep(0.3)
     world.until(lambda: 8 in world.stamps)
