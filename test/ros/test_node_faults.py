@@ -88,6 +88,18 @@ def test_size_that_changes_in_flight_is_followed(
     assert "using the new calibration" in node.log
 
 
+def test_a_calibration_of_images_of_another_size_is_told(
+    node: Any, client: Any, parts: Any, info: Any
+) -> None:
+    infos = [info(side) for side in ("left", "right")]
+    for each in infos:
+        each.p = np.array(each.p) * [1, 1, 2, 1, 1, 1, 2, 1, 1, 1, 1, 1]
+    client.result(client.publish(*parts[:2], *infos), "disparity")
+    for side in ("left", "right"):
+        node.wait_for(f"{side} camera_info has the principal point ")
+    good_frame(client, parts)
+
+
 def test_calibration_that_changes_all_the_time_does_not_fill_the_log(
     node: Any, client: Any, parts: Any, info: Any
 ) -> None:

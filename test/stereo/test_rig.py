@@ -18,6 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uw_visibility.errors import InputError
+from uw_visibility.stereo.calibration import doubt
 from uw_visibility.stereo.rectification import Rectifier
 from uw_visibility.stereo.rig import StereoRig
 
@@ -196,6 +197,25 @@ def test_region_of_interest_and_binning_move_the_calibration() -> None:
 def test_calibrations_that_cannot_be_used_are_named(left: Any, right: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         StereoRig.from_camera_info(left, right)
+
+
+@pytest.mark.parametrize(("changes", "doubted"), [
+    ({}, False),
+    # Of images that are halved, and doubled.
+    ({"width": 32, "height": 24}, True),
+    ({"width": 160, "height": 120}, True),
+    ({"binning_x": 2, "binning_y": 2}, False),
+    ({"height": 16}, False),
+    ({"roi": roi(32, 24, 32, 24)}, False),
+])
+def test_a_calibration_of_images_of_another_size_is_doubted(
+    changes: dict[str, Any], doubted: bool
+) -> None:
+    info = camera_info(**changes)
+    assert bool(doubt(info, "left")) is doubted
+    if doubted:
+        assert f"left camera_info has the principal point 31.5 23.5, far from the middle of " \
+            f"{info.width}x{info.height} pixels" in doubt(info, "left")
 
 
 def test_projection_matrices_of_another_form_are_refused() -> None:

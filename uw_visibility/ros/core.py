@@ -48,7 +48,7 @@ from uw_visibility.ros.transport.factory import make_message, message_type
 from uw_visibility.ros.transport.qos import describe_publishers, publish_on, subscribe_to
 from uw_visibility.ros.worker import NewestWorker, Turn
 from uw_visibility.status import Status
-from uw_visibility.stereo.calibration import image_size
+from uw_visibility.stereo.calibration import doubt, image_size
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.series.filter import FilteredWater, KnownWater, WaterFilter
 
@@ -312,6 +312,10 @@ class NodeCore:
         calibrations = self._processor.reader.calibrations
         if calibrations > max(self.state.calibrations, 1):
             self._changes.add("camera_info has changed: using the new calibration")
+        if calibrations > self.state.calibrations:
+            for info, side in ((frame.left_info, "left"), (frame.right_info, "right")):
+                if why := doubt(info, side):
+                    self._changes.add(why)
         self.state.calibrations = calibrations
         width, height = sizes[0]
         self._images = work.pair.rig, (height, width)

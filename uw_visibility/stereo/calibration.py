@@ -112,6 +112,22 @@ def image_size(info: CameraInfo, side: str) -> tuple[int, int]:
     return size
 
 
+def doubt(info: CameraInfo, side: str) -> str:
+    """Return why a CameraInfo seems to be that of images of another size, or "".
+
+    The principal point of P is then nearer to the border than to the middle, in x and in y; in a
+    region of interest it may be anywhere. Raises as `CameraCalibration.from_camera_info`.
+    """
+    calibration = CameraCalibration.from_camera_info(info, side)
+    centre, size = calibration.projection[:2, 2], calibration.size
+    near = any(abs(2.0 * c + 1.0 - n) <= n / 2.0 for c, n in zip(centre, size, strict=True))
+    if near or (info.roi.width and info.roi.height):
+        return ""
+    return (
+        f"{side} camera_info has the principal point {centre[0]:g} {centre[1]:g}, far from the "
+        f"middle of {size[0]}x{size[1]} pixels: are K and P those of images of another size?")
+
+
 def read_pair(left: CameraInfo, right: CameraInfo) -> tuple[CameraCalibration, CameraCalibration]:
     """Read the CameraInfo messages of a pair, whose images must have the same size."""
     pair = (

@@ -239,6 +239,12 @@ def test_a_calibration_that_changes_is_said(
     transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A driver is started again with the calibration of another mode."""
+    def large(messages: Iterator[Message]) -> Iterator[Message]:
+        for topic, kind, message, time in messages:
+            if topic.endswith("camera_info"):
+                message.p = message.p * np.array([2, 1, 2, 2, 1, 2, 2, 1, 1, 1, 1, 1])
+            yield topic, kind, message, time
+
     def other(messages: Iterator[Message]) -> Iterator[Message]:
         for topic, kind, message, time in messages:
             if topic.endswith("camera_info") and time >= 1_700_000_001_500_000_000:
@@ -248,6 +254,10 @@ def test_a_calibration_that_changes_is_said(
     done = run(copy_bag(transect, tmp_path / "bag", edit=other), tmp_path / "out", capsys=capsys)
     assert (done.code, frames(done.rows)) == (0, FRAMES)
     assert "camera_info changed once, first at frame 3: ranges before or after" in done.err
+    assert "far from the middle" not in done.err
+    done = run(copy_bag(transect, tmp_path / "other", edit=large), tmp_path / "all", capsys=capsys)
+    for side in ("left", "right"):
+        assert f"{side} camera_info has the principal point 159 119, far from" in done.err
 
 
 def test_an_unknown_type_among_the_topics_does_no_harm(

@@ -35,6 +35,7 @@ from uw_visibility.stereo.calibration import (
     PIXEL_TOLERANCE,
     RELATIVE_TOLERANCE,
     CameraCalibration,
+    doubt,
 )
 
 
@@ -214,7 +215,7 @@ class InputStream:
             list(self._add(self.synchronizer.add_info, infos[message.topic], message))
 
     def _check_rectified(self, info: Any, side: str) -> None:
-        """Refuse images that are raw by their name and need rectification.
+        """Refuse images that are raw by their name and need rectification; tell of a `doubt`.
 
         `info` is a CameraInfo, given or recorded.
         """
@@ -222,14 +223,16 @@ class InputStream:
             return
         self._checked.add(side)
         image = self.selection.left if side == "left" else self.selection.right
-        if self.selection.rectify or not is_raw(image):
-            return
         try:
             if isinstance(info, Recorded):
                 info = self._reader.deserialize(info)
             calibration = CameraCalibration.from_camera_info(info, side)
+            if why := doubt(info, side):
+                count_reason(self.problems, why)
         except InputError:
             # Frames report why their calibration cannot be used.
+            return
+        if self.selection.rectify or not is_raw(image):
             return
         if (
             calibration.distortion.any() or not np.allclose(calibration.rotation, np.eye(3))
