@@ -307,9 +307,14 @@ def test_raw_images_are_rectified_or_refused(
     assert done.code == 2
     assert "add --rectify" in done.err
     assert list(tmp_path.iterdir()) == []
-    done = run(bag, tmp_path / "out", "--rectify")
+    done = run(bag, tmp_path / "out", "--rectify", "--images", "5")
     assert (done.code, len(done.rows)) == (0, 12)
     assert "unusable" not in {row["status"] for row in done.rows}
+    # Nothing is restored, as the water is not known; the recorded image is rectified as well.
+    assert {row["visibility_status"] for row in done.rows} == {"attenuation_uncertain"}
+    picture = cv2.imread(str(tmp_path / "out" / "images" / "frame_000005.png"))
+    width = picture.shape[1] // 3
+    np.testing.assert_array_equal(picture[20:250, :width], picture[20:250, width:2 * width])
 
 
 @pytest.mark.parametrize("matrix", ["d", "r", "k", ""])

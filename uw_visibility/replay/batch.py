@@ -335,7 +335,9 @@ class _Replay:
 
         work = self._folder.work
         write_exports(work, table, self._recorder.columns, self.summary.provenance, self._options)
-        gallery = Gallery(work, table, self._reader, self._stream.selection)
+        gallery = Gallery(
+            work, table, self._reader, self._stream.selection,
+            rectify=self._options.node.rectify)
         if self.summary.complete:
             gallery.write(self._options, assumed(self.summary))
         joins = fit_joins(work, table, self._options.joins)

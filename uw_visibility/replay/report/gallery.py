@@ -23,7 +23,7 @@ from uw_visibility.images.overview import (
     side_by_side,
     viridis,
 )
-from uw_visibility.messages.frames import read_pixels
+from uw_visibility.messages.frames import FrameReader, StereoFrame, read_pixels
 from uw_visibility.messages.images import read_disparity
 from uw_visibility.messages.stamps import header_stamp
 from uw_visibility.replay.bags.reader import BagReader
@@ -41,6 +41,7 @@ SCALE_FRAMES = 16
 STEP = 4
 LARGEST_VIDEO_WIDTH = 1920
 LEFT_TOPIC, DISPARITY_TOPIC = "/left/enhanced/image", "/disparity"
+INFO_TOPICS = "/left/enhanced/camera_info", "/right/enhanced/camera_info"
 
 
 class ColourScale(NamedTuple):
@@ -108,13 +109,16 @@ class Gallery:
     table: table of the result, as `read_table` returns it.
     scale: disparity scale of all pictures; None if nothing matched, and all are black. It is
         chosen from evenly spaced frames, independent of the requested pictures.
+    rectify: the images of the recording are to be rectified, as those of the result are.
     """
 
     def __init__(
-        self, folder: Path, table: Columns, reader: BagReader, selection: Selection
+        self, folder: Path, table: Columns, reader: BagReader, selection: Selection, *,
+        rectify: bool,
     ) -> None:
         self._folder, self._table = folder, table
         self._reader, self._raw_topic = reader, selection.left
+        self._rectify = FrameReader(rectify=True) if rectify else None
         self._rows = np.flatnonzero(table["reason"] == "").tolist()
         count = len(self._rows)
         chosen = {round(index) for index in np.linspace(0, count - 1, min(SCALE_FRAMES, count))}
@@ -139,7 +143,13 @@ class Gallery:
                 # Unmatched pixels are black.
                 drawn = np.zeros_like(after) if self.scale is None else draw_disparity(
                     read_disparity(disparity), *self.scale[:2])
-                before = shown(read_pixels(raw, "image")[0])
+                if self._rectify is None:
+                    pixels = read_pixels(raw, "image")[0]
+                else:
+                    left, right = (self._at(results, topic, row) for topic in INFO_TOPICS)
+                    # The right image does not matter for the left one.
+                    pixels = self._rectify.read(StereoFrame(raw, raw, left, right)).left
+                before = shown(pixels)
                 yield Picture(frame, self._caption(row), before, after, drawn)
 
     def write(self, options: ReplayOptions, assumed: str) -> None:
