@@ -148,6 +148,9 @@ def test_what_differs_within_sigma_is_no_change() -> None:
     assert sentences[2].startswith("Visibility distance was 6.04 ± 0.10 m throughout")
     assert sentences[2].endswith("within the standard deviations. Lowest, 5.98 m, in frame 5; "
         "highest, 6.08 m, in frame 2.")
+    # The most certain frame is neither the lowest nor the highest.
+    sentences, _ = told(seen(0, 6.2, 0.9), seen(1, 6.0, 0.1), seen(2, 5.9, 0.9))
+    assert sentences[2].endswith("within the standard deviations.")
 
 
 def test_estimates_that_jump_or_rise_within_sigma_are_not_called_constant() -> None:
@@ -165,6 +168,10 @@ def test_estimates_that_jump_or_rise_within_sigma_are_not_called_constant() -> N
     assert summary.synopsis is not None and not summary.synopsis.differs
     assert "throughout" not in sentences[2] and "groups" not in sentences[2]
     assert re.search(r" It rises: median of the first third of the frames (9|10)\.", sentences[2])
+    sentences, _ = told(*(seen(k, d, 0.5 * d, filtered=10.0) for k, d in enumerate(rising)))
+    assert " It rises: median of the first third of the single frames " in sentences[2]
+    sentences, _ = told(*(seen(k, d, 0.5 * d, filtered=10.0) for k, d in enumerate(jumping)))
+    assert " Single frames fall into two groups, " in sentences[2]
     sentences, _ = told(*(seen(k, d, 0.5 * d) for k, d in enumerate(12.0 * noise)))
     assert "throughout" in sentences[2] and "rise" not in sentences[2]
 

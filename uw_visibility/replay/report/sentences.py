@@ -193,10 +193,14 @@ def _distance(synopsis: Synopsis) -> Sentence:
         spread = synopsis.relative_stddev * synopsis.median
         constant = synopsis.constant and synopsis.assessed == synopsis.frames
         where = "throughout" if constant else "in the median frame"
-        return [
+        text = (
             f"Visibility distance was {rounded(synopsis.median, spread)} m {where}: differences "
-            f"between frames {others}are within the standard deviations. "
-            f"Lowest, {number(low.value)} m, in ", worst,
+            f"between frames {others}are within the standard deviations.")
+        if worst == best:
+            # The most certain frame may have both the lowest upper and the highest lower bound.
+            return [f"{text}{apart}"]
+        return [
+            f"{text} Lowest, {number(low.value)} m, in ", worst,
             f"; highest, {number(high.value)} m, in ", best, f".{apart}",
         ]
     return [
@@ -208,16 +212,20 @@ def _distance(synopsis: Synopsis) -> Sentence:
 
 def course(synopsis: Synopsis) -> str:
     """Say whether the distance has two values, rises or falls; empty if neither."""
+    # The filter smooths both, so that its extremes may lie within.
+    single = synopsis.filtered and synopsis.assessed > 0
     if synopsis.groups:
         (low, few), (high, many) = synopsis.groups
         return (
-            f" Frames fall into two groups, {number(low)} m in {few} and {number(high)} m in "
-            f"{many}: at most one of them is right, unless the water differed between them.")
+            f" {'Single frames' if single else 'Frames'} fall into two groups, {number(low)} m in "
+            f"{few} and {number(high)} m in {many}: at most one of them is right, unless the water "
+            "differed between them.")
     if synopsis.trend:
         first, last = synopsis.trend
         return (
-            f" It {'rises' if last > first else 'falls'}: median of the first third of the frames "
-            f"{number(first)} m, of the last third {number(last)} m (Kendall's test, beyond 2 σ).")
+            f" It {'rises' if last > first else 'falls'}: median of the first third of the "
+            f"{'single frames' if single else 'frames'} {number(first)} m, of the last third "
+            f"{number(last)} m (Kendall's test, beyond 2 σ).")
     return ""
 
 
