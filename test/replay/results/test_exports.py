@@ -266,6 +266,31 @@ def test_a_duration_that_is_joined_is_no_date(tmp_path: Path) -> None:
         assert data["stamp"].attrs["units"].startswith("seconds since 1970")
 
 
+def test_bounds_of_a_track_over_the_date_line_are_around_it(tmp_path: Path) -> None:
+    """A pause in the recording is not the time between its frames either."""
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("netCDF4", reason="the extra netcdf is not installed")
+    table = TableWriter(tmp_path / "frames.csv", tuple(COLUMNS))
+    track = ((0, "179.5"), (1, ""), (2, "-179.75"), (3, "-180.0"), (90_000, "179.25"))
+    for time, longitude in track:
+        stamp = time * 10**9
+        table.write({"frame": "0", "datetime": iso_time(stamp), "stamp": seconds(stamp),
+                     "longitude": longitude, "latitude": longitude and "-16.5"})
+    table.close()
+    provenance = {"bag": "long", "version": "0", "parameters": {}, "input_sha256": "0"}
+    write_netcdf(
+        tmp_path / "frames.nc", read_table(tmp_path / "frames.csv", COLUMNS), COLUMNS, provenance,
+        np.full(3, 500.0))
+    with xarray.open_dataset(tmp_path / "frames.nc") as data:
+        said = data.attrs
+    assert (said["geospatial_lon_min"], said["geospatial_lon_max"]) == (179.25, -179.75)
+    assert said["geospatial_bounds"] == (
+        "MULTIPOLYGON (((-16.5 179.25, -16.5 180.0, -16.5 180.0, -16.5 179.25, -16.5 179.25)), "
+        "((-16.5 -180.0, -16.5 -179.75, -16.5 -179.75, -16.5 -180.0, -16.5 -180.0)))")
+    assert said["time_coverage_duration"] == "PT90000.000S"
+    assert said["time_coverage_resolution"] == "PT1.000S"
+
+
 def test_a_recording_without_a_frame_is_told_by_empty_files(
     transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

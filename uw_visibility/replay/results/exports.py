@@ -203,13 +203,19 @@ def _bounds(values: Mapping[str, NDArray]) -> dict[str, str | float]:
             known[name] = float(finite.min()), float(finite.max())
     if not known:
         return {}
-    (start, end), steps = known["time"], max(len(values["time"]) - 1, 1)
+    start, end = known["time"]
+    # Median, so that pauses and other recordings do not count.
+    steps = np.abs(np.diff(values["time"])) if len(values["time"]) > 1 else np.zeros(1)
     found: dict[str, str | float] = {
         "time_coverage_start": iso_time(round(start * 1e9)),
         "time_coverage_end": iso_time(round(end * 1e9)),
         "time_coverage_duration": f"PT{end - start:.3f}S",
-        "time_coverage_resolution": f"PT{(end - start) / steps:.3f}S",
+        "time_coverage_resolution": f"PT{np.median(steps):.3f}S",
     }
+    if "lon" in known and known["lon"][1] - known["lon"][0] > 180.0:
+        # Across the date line west is the larger longitude (ACDD 1.3, geospatial_lon_max).
+        behind = values["lon"] < 0.0
+        known["lon"] = float(np.nanmin(values["lon"][~behind])), float(values["lon"][behind].max())
     for name, kind, unit in (
         ("lat", "lat", "degrees_north"), ("lon", "lon", "degrees_east"),
         ("sensor_depth", "vertical", "m"),
@@ -220,14 +226,21 @@ def _bounds(values: Mapping[str, NDArray]) -> dict[str, str | float]:
                 (*known[name], unit), strict=True))
     if "lat" in known and "lon" in known:
         (south, north), (west, east) = known["lat"], known["lon"]
-        corners = ((south, west), (south, east), (north, east), (north, west), (south, west))
-        found["geospatial_bounds"] = f"POLYGON (({', '.join(f'{a!r} {b!r}' for a, b in corners)}))"
+        parts = [(west, east)] if west <= east else [(west, 180.0), (-180.0, east)]
+        boxes = ", ".join(_box(south, north, *part) for part in parts)
+        found["geospatial_bounds"] = (
+            f"POLYGON {boxes}" if len(parts) == 1 else f"MULTIPOLYGON ({boxes})")
         found["geospatial_bounds_crs"] = "EPSG:4326"
     if "sensor_depth" in known:
         # Depth below the water's surface at the time.
         found |= {"geospatial_vertical_positive": "down",
                   "geospatial_bounds_vertical_crs": "EPSG:5831"}
     return found
+
+
+def _box(south: float, north: float, west: float, east: float) -> str:
+    corners = ((south, west), (south, east), (north, east), (north, west), (south, west))
+    return f"(({', '.join(f'{a!r} {b!r}' for a, b in corners)}))"
 
 
 def _import_netcdf() -> Any:
