@@ -6,11 +6,12 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from bag_copies import Message, copy_bag
+from bag_copies import Message, copy_bag, shortened
 from rosbags.typesys import Stores, get_typestore
 
 from uw_visibility.cli import main
@@ -72,6 +73,21 @@ def test_a_recording_without_a_joined_topic_has_its_result_and_says_so(
         main([*command, "--resume"])
     assert ended.value.code == 1
     assert sentences[0] in capsys.readouterr().err
+
+
+def test_what_is_damaged_is_not_told_as_what_was_requested(
+    bags: list[str], tmp_path: Path
+) -> None:
+    cut = tmp_path / "cut"
+    shutil.copytree(bags[0], cut)
+    shortened(next(cut.glob("*.mcap")), 0.9)
+    out = tmp_path / "day"
+    with pytest.raises(SystemExit):
+        main(["replay", bags[1], str(cut), "-o", str(out), "--jobs", "1", "--every", "3",
+              "--join", "/ctd.temperature"])
+    text = re.sub(r"\s+", " ", (out / "cut" / "report.html").read_text(encoding="utf-8"))
+    assert ("Some of what was requested is missing. Parts of the recording could not be used:"
+            in text)
 
 
 @pytest.mark.parametrize("options, said", [

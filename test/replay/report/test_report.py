@@ -146,6 +146,12 @@ def test_the_report_opens_with_what_the_table_says(replayed: Path) -> None:
     assert [float(value) for value in found.groups()] == pytest.approx(
         [min(filtered), max(filtered), np.median(filtered)], rel=0.01)
     assert "The filter rejected none" in opening
+    # Other rows of its table are not filtered, and have other medians.
+    text = re.sub(r"\s+", " ", page.text)
+    assert "Rows with brackets are filtered over frames, those with ± are of single frames." in text
+    shown = re.search(r'mean attenuation α</th><td data-label="Value">([\d.]+) ±', text)
+    single = [float(row["mean_attenuation"]) for row in rows]
+    assert shown and float(shown[1]) == pytest.approx(np.median(single), rel=0.01)
     # Before any figure, and with its definition.
     places = [page.text.index(part) for part in ('"verdict"', 'id="definition"', "<svg")]
     assert places == sorted(places)
@@ -482,6 +488,7 @@ def test_what_falls_with_attenuation_is_drawn_with_its_deviations(tmp_path: Path
         ["stamp,beam_attenuation,beam_attenuation_stddev,joined_t", *lines]))
     table = read_table(tmp_path / "frames.csv", joined("joined_t"))
     (section,) = fit_joins(tmp_path, table, [ScalarTopic("/t", unit="percent")])
+    assert section["text"].startswith("/t [percent] = (90 ± ")
     assert "+ (-20 ± " in section["text"]
     assert section["figure"].count("/t [percent]") > 0
     assert section["figure"].count("/t minus fit [percent]") > 0

@@ -246,13 +246,13 @@ def fit_joins(
         if fit is not None:
             fit.write(folder / f"fit_{join.column.removeprefix('joined_')}.json")
         sections.append({
-            "title": str(join), "text": _sentence(fit, both, y),
+            "title": str(join), "text": _sentence(fit, both, y, join.unit),
             "figure": _draw(table, join, fit) if both else "",
         })
     return sections
 
 
-def _sentence(fit: LineFit | None, both: int, values: Array) -> str:
+def _sentence(fit: LineFit | None, both: int, values: Array, unit: str) -> str:
     known = int(np.count_nonzero(np.isfinite(values)))
     if fit is None:
         return (
@@ -260,8 +260,9 @@ def _sentence(fit: LineFit | None, both: int, values: Array) -> str:
             f"too few or too similar for a fit, which needs {FEWEST} different ones."
         )
     left = f"{fit.residual_stddev:.2g} beyond" if fit.residual_stddev else "within"
+    name = f"{fit.source} [{unit}]" if unit else fit.source
     return (
-        f"{fit.source} = ({fit.intercept:.3g} ± {fit.intercept_stddev:.2g}) + "
+        f"{name} = ({fit.intercept:.3g} ± {fit.intercept_stddev:.2g}) + "
         f"({fit.slope:.3g} ± {fit.slope_stddev:.2g}) m · beam attenuation, over {fit.frames} "
         f"frames from {fit.low:.3g} to {fit.high:.3g} 1/m; correlation {fit.correlation:.2f}. The "
         f"residuals are {left} the standard deviations of the estimates. Beam attenuation is as "
