@@ -139,3 +139,8 @@ def test_left_of_the_right_view_nothing_is_matched(shifted_pair):
     np.testing.assert_array_equal(best[0][:, :11], -1)
     assert np.isnan(refined[:, :11]).all()
     assert (best[0][:, 11:-2] >= 0).all()
+
+
+def test_the_first_matched_column_is_not_drawn_to_smaller_disparities(shifted_pair):
+    _, refined = search(normalizers(shifted_pair(disparity=12), noise=2.0), points_at(3, 30))
+    assert abs(np.nanmedian(refined[4:-4, 14]) - 12) < 0.2

@@ -412,7 +412,8 @@ def _select(
         best_right[x] = disparity_of(best[1, x], low)
         k = best[0, x] & dense.DISPARITY_MASK
         offset = 0.0
-        if best_left[x] >= 0 and 0 < k < tried - 1:
+        # The first and the last disparity of a column have one neighbour only.
+        if best_left[x] >= 0 and 0 < k < _visible(x, width, low, tried) - 1:
             at = x * count + k
             offset = meeting_of_lines(
                 np.int32(total[at - 1]), np.int32(total[at]), np.int32(total[at + 1]))
