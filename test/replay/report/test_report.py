@@ -437,6 +437,19 @@ def test_a_figure_shows_clock_time_and_values_to_point_at() -> None:
     assert set(used) <= set(names)
 
 
+def test_times_around_midnight_have_both_dates(visibility_alone: None) -> None:
+    def dates(first: float) -> list[str]:
+        columns = {name: np.full(5, np.nan) for name in COLUMNS}
+        columns["stamp"] = first + np.arange(5)
+        drawn = draw_series(columns)[0].drawing
+        return re.findall(r">(20\d\d-[^<]*)</text>", drawn)
+
+    midnight = 1_700_006_400.0
+    assert set(dates(midnight - 2.0)) == {"2023-11-14 to 11-15"}
+    assert set(dates(midnight)) == {"2023-11-15"}
+    assert set(dates(1_704_067_198.0)) == {"2023-12-31 to 01-01"}
+
+
 def test_times_are_within_the_drawing(visibility_alone: None) -> None:
     for stamps in ([1.7e9], 1.7e9 + 0.5 * np.arange(5)):
         columns = {name: np.full(len(stamps), np.nan) for name in COLUMNS}

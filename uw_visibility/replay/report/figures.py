@@ -143,16 +143,30 @@ def clock_axis(axes: Any, narrow: bool) -> None:
 
 
 class _ClockFormatter(matplotlib.dates.ConciseDateFormatter):
-    """Times without a label where the edge of the drawing would cut it off, as in zoom.js."""
+    """Times without a label where the edge of the drawing would cut it off, as in zoom.js.
+
+    As there, the date is that of the first and of the last time.
+    """
+
+    first = ""
 
     def format_ticks(self, values: Sequence[float]) -> list[str]:
         axes: Any = self.axis.axes
         letter = axes.figure.dpi / 72.0 * LETTER * matplotlib.rcParams["font.size"]
         places = axes.get_xaxis_transform().transform([(value, 0.0) for value in values])[:, 0]
+        self.first = "".join(
+            f"{matplotlib.dates.num2date(value, tz='UTC'):%Y-%m-%d}" for value in values[:1])
         return [
             label if place + letter * len(label) / 2.0 < axes.figure.bbox.width else ""
             for place, label in zip(places, super().format_ticks(values), strict=True)
         ]
+
+    def get_offset(self) -> str:
+        last: str = super().get_offset()
+        if len(last) != len(self.first) or last == self.first:
+            return last
+        # Without the second year, so that narrow drawings have room for it.
+        return f"{self.first} to {last[5:]}"
 
 
 class _Panel(NamedTuple):
