@@ -126,7 +126,7 @@ def test_a_last_chunk_gives_its_messages_wherever_it_is_cut(file: Path) -> None:
         # A chunk without all of its fields is one of the damaged records.
         fields = cut - len(begin) >= HEAD + 40
         whole = cut in (len(begin + last), *range(len(begin), len(begin) + HEAD))
-        assert notes == ([] if whole else [f"1 {LOST if fields else SKIPPED}"])
+        assert notes == ([] if whole else [f"{LOST if fields else SKIPPED} (1)"])
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
@@ -161,14 +161,14 @@ def test_messages_of_a_chunk_are_read_whatever_it_says_of_their_size(
     records = message(0) + message(1)
     said = chunk(records, size=len(records) + size, checksum=checksum)
     found = times(file, BEGIN, said, chunk(message(2)), END)
-    assert found == ([0, 1, 2], [f"1 {note}" for note in notes])
+    assert found == ([0, 1, 2], [f"{note} (1)" for note in notes])
 
 
 @pytest.mark.parametrize("more", [-60, 1, 40, 1 << 20])
 def test_a_message_that_claims_another_length_costs_itself_alone(more: int, file: Path) -> None:
     damaged = message(1, more=more)
     found = times(file, BEGIN, message(0), damaged, message(2), message(3), END)
-    assert found == ([0, 2, 3], [f"1 {SKIPPED}"])
+    assert found == ([0, 2, 3], [f"{SKIPPED} (1)"])
 
 
 @pytest.mark.parametrize("compression", list(PACK))
@@ -176,7 +176,7 @@ def test_chunks_behind_a_damaged_record_are_found(compression: str, file: Path) 
     damaged = record(ATTACHMENT, DATA, more=1 << 20)
     for behind in (chunk(message(1), compression), chunk(message(1), compression) + END):
         assert times(file, BEGIN, chunk(message(0), compression), damaged, behind) == (
-            [0, 1], [f"1 {SKIPPED}"])
+            [0, 1], [f"{SKIPPED} (1)"])
 
 
 def test_what_only_looks_like_a_record_is_none(file: Path) -> None:
@@ -188,12 +188,12 @@ def test_what_only_looks_like_a_record_is_none(file: Path) -> None:
         message(7, channel=2),
     ):
         found = times(file, BEGIN, message(0), damaged, seeming, chunk(message(1)), END)
-        assert found == ([0, 1], [f"1 {SKIPPED}"])
+        assert found == ([0, 1], [f"{SKIPPED} (1)"])
 
 
 def test_messages_of_no_topic_are_counted(file: Path) -> None:
     found = times(file, BEGIN, message(0), message(7, channel=2), message(1), END)
-    assert found == ([0, 1], [f"1 {SKIPPED}"])
+    assert found == ([0, 1], [f"{SKIPPED} (1)"])
 
 
 def test_a_chunk_of_absurd_size_is_read_as_far_as_it_goes(file: Path) -> None:
@@ -208,7 +208,7 @@ def test_records_that_no_chunk_holds_end_none(file: Path) -> None:
     odd = chunk(message(0) + record(DATA_END, bytes(4)) + message(1))
     assert times(file, BEGIN, odd, chunk(message(2)), END) == ([0, 1, 2], [])
     odd = chunk(message(0) + chunk(message(7), "zstd") + message(1))
-    assert times(file, BEGIN, odd, END) == ([0, 1], [f"1 {SKIPPED}"])
+    assert times(file, BEGIN, odd, END) == ([0, 1], [f"{SKIPPED} (1)"])
 
 
 @pytest.mark.parametrize("chunked", [False, True])
@@ -223,16 +223,16 @@ def test_a_message_without_data_is_found_behind_a_damaged_one(behind: bytes, fil
     content = BEGIN + message(0, more=1 << 20) + message(1, b"") + behind
     found, notes = salvaged(file, content)
     assert found == [(1, b""), (2, DATA)][:1 + bool(behind)]
-    assert notes == [f"1 {SKIPPED}"]
+    assert notes == [f"{SKIPPED} (1)"]
 
 
 def test_a_message_shorter_than_its_fields_costs_itself_alone(file: Path) -> None:
     for size in range(MESSAGE_FIELDS):
         short = record(MESSAGE, message(1)[HEAD:HEAD + size])
         found = times(file, BEGIN, message(0), short, message(2))
-        assert found == ([0, 2], [f"1 {SKIPPED}"])
+        assert found == ([0, 2], [f"{SKIPPED} (1)"])
     # And as the last record, of which nothing is there but its head.
-    assert times(file, BEGIN, message(0), record(MESSAGE, b"")) == ([0], [f"1 {SKIPPED}"])
+    assert times(file, BEGIN, message(0), record(MESSAGE, b"")) == ([0], [f"{SKIPPED} (1)"])
 
 
 @pytest.mark.parametrize("zeros", [1, 8, 9, 10, 100])
@@ -262,4 +262,4 @@ def test_messages_whose_topic_is_named_at_the_end_only_are_read(file: Path) -> N
     # Its content is the schema's number, and no name.
     damaged = record(CHANNEL, b"\x01")
     found = times(file, MAGIC, damaged, chunk(message(0) + message(1)), END)
-    assert found == ([0, 1], [f"1 {SKIPPED}"])
+    assert found == ([0, 1], [f"{SKIPPED} (1)"])

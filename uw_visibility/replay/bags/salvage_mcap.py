@@ -56,7 +56,7 @@ class McapSalvage:
         self._losses.clear()
         yield from filter(part.holds, self._scan(messages=True))
         self.damage += [
-            f"{self._path.name}: {self._losses[what]} {what}"
+            f"{self._path.name}: {what} ({self._losses[what]})"
             for what in (LOST, DIFFER, SKIPPED) if self._losses[what]
         ]
 
