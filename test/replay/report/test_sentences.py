@@ -19,6 +19,7 @@ from frame_records import frame_estimate, frame_record, write_table
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.optics.light_model import visibility_distance
+from uw_visibility.plausibility.comparison import Verdict
 from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.records import JoinedFrame
 from uw_visibility.replay.report.report import quantities
@@ -253,6 +254,16 @@ def test_numbers_say_in_how_many_frames_they_are_known() -> None:
     texts = [row["what"] for row in quantities(columns, summary, "2.35/β")]
     assert texts[-1] == (
         "by the colour of daylight; median, 2.00 to 2.00 m in 90 % of the frames")
+
+
+def test_a_depth_sensor_that_disagrees_is_told_in_the_verdict() -> None:
+    verdicts = (Verdict.NOT_ASSESSABLE, Verdict.OK, Verdict.WARN, Verdict.ERROR, Verdict.ERROR)
+    frames = [replace(seen(k, 6.0), verdict=each) for k, each in enumerate(verdicts)]
+    sentences, _ = told(*frames)
+    assert ("The depth sensor disagrees with the colour of daylight: error in 2 frames, warning in "
+            "1 frame, see plausibility_reason in frames.csv.") in sentences
+    sentences, _ = told(*frames[:2])
+    assert "sensor" not in "".join(sentences)
 
 
 def test_what_is_assumed_of_camera_and_light_is_said(tmp_path: Path) -> None:

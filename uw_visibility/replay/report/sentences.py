@@ -13,6 +13,7 @@ from typing import NamedTuple
 from uw_visibility.config.assumptions import assumptions
 from uw_visibility.errors import printable
 from uw_visibility.optics.light_model import visibility_distance
+from uw_visibility.plausibility.comparison import Verdict
 from uw_visibility.replay.columns import word
 from uw_visibility.replay.report.meaning import MEANINGS
 from uw_visibility.replay.results.summary import (
@@ -70,6 +71,13 @@ def verdict(summary: Summary) -> list[Sentence]:
         found.append([assumed(summary)])
     if synopsis.start < FIRST_DATE:
         found.append([CLOCK_NOT_SET])
+    sensor = [
+        f"{each} in {amount(count, 'frame')}" for each in (Verdict.ERROR, Verdict.WARN)
+        if (count := summary.counts["plausibility"][word(each)])]
+    if sensor:
+        found.append([
+            f"The depth sensor disagrees with the colour of daylight: {', '.join(sensor)}, "
+            "see plausibility_reason in frames.csv."])
     refused = _refused(summary, synopsis)
     return [*found, *([refused] if refused else []), *filtering(summary)]
 
