@@ -118,6 +118,10 @@ def test_a_bayer_pattern_with_green_elsewhere_is_refused(pattern: str, bits: int
             match=f"left image has the encoding bayer_{stated}{bits}, but .*bayer_{pattern}{bits}",
         ):
             read_image(message, "left image")
+    # Where red and blue are lost, green has more noise than both.
+    lost = np.array([100 if c == "g" else 2 for c in pattern]).reshape(2, 2)
+    mosaic = np.tile(lost, (20, 30)) * (1.0 + random.normal(0.0, 0.05, (40, 60)))
+    assert read_image(image(mosaic.round().astype(dtype), f"bayer_{pattern}{bits}")).any()
     # Nothing tells where green is in a grey image.
     grey = (100 + random.normal(0.0, 5.0, (40, 60))).astype(dtype)
     assert read_image(image(grey, f"bayer_{pattern}{bits}")).shape == (40, 60, 3)

@@ -13,6 +13,7 @@ import numpy as np
 
 from uw_visibility.errors import InputError, printable
 from uw_visibility.images.arrays import DisparityMap, Image
+from uw_visibility.images.noise import ROUNDING_VARIANCE
 
 
 class Encoding(NamedTuple):
@@ -122,18 +123,21 @@ def check_mosaic(mosaic: Image, encoding: str, name: str) -> None:
 
     A driver that flips the image, or crops it at an odd pixel, may still state the sensor's order.
     Both greens of a cell have one filter and differ less than red and blue do, in real images under
-    water 0.04 to 0.8 times as much. They are in the wrong place if they differ twice as much.
+    water 0.04 to 0.8 times as much. They are in the wrong place if they differ twice as much, also
+    relative to their brightness: where red and blue are lost, green has more noise than both.
     """
     if not encoding.startswith("bayer_"):
         return
     # Every other row of cells is enough.
     height, width = mosaic.shape[0] // 2 * 2, mosaic.shape[1] // 2 * 2
     upper, lower = (mosaic[row:height:4, :width].astype(np.float32) for row in (0, 1))
-    falling = np.square(upper[:, ::2] - lower[:, 1::2]).sum()
-    rising = np.square(upper[:, 1::2] - lower[:, ::2]).sum()
+    # What is lost may have one code, whose rounding is not seen.
+    falling, rising = (
+        (np.square(a - b).sum() + 2.0 * ROUNDING_VARIANCE * a.size, np.square(a + b).sum())
+        for a, b in ((upper[:, ::2], lower[:, 1::2]), (upper[:, 1::2], lower[:, ::2])))
     green_first = encoding[6] == "g"
-    greens, others = (falling, rising) if green_first else (rising, falling)
-    if greens > 4.0 * others:
+    (greens, bright), (others, dark) = (falling, rising) if green_first else (rising, falling)
+    if greens > 4.0 * others and greens * dark > 4.0 * others * bright:
         likely = " or ".join(
             other for other in ENCODINGS
             if other.startswith("bayer_") and (other[6] == "g") is not green_first
