@@ -317,6 +317,33 @@ def test_raw_images_are_rectified_or_refused(
     np.testing.assert_array_equal(picture[20:250, :width], picture[20:250, width:2 * width])
 
 
+def test_pictures_are_rectified_where_the_right_image_is_later(
+    transect: Path, tmp_path: Path
+) -> None:
+    matrix = np.array([140, 0, 70, 0, 140, 59, 0, 0, 1.0])
+
+    def raw(messages: Iterator[Message]) -> Iterator[Message]:
+        for topic, kind, message, time in messages:
+            if topic.endswith("camera_info"):
+                message = replace(message, k=matrix)
+            elif topic == "/right/image_rect":
+                stamp = message.header.stamp
+                later = replace(stamp, nanosec=stamp.nanosec + 1_000_000)
+                message = replace(message, header=replace(message.header, stamp=later))
+            yield topic.replace("image_rect", "image_raw"), kind, message, time
+
+    bag = copy_bag(transect, tmp_path / "bag", edit=raw)
+    params = parameter_file(tmp_path / "p.yaml", {"synchronization.tolerance": 0.01})
+    done = run(bag, tmp_path / "out", "--rectify", "--images", "3", "--params-file", params)
+    assert (done.code, len(done.rows)) == (0, FRAMES)
+    picture = cv2.imread(str(tmp_path / "out" / "images" / "frame_000003.png"))
+    shown = picture[16:136, :160, ::-1]
+    # The rectified image is moved to the right, and black where the raw one has nothing.
+    assert not shown[:, 0].any()
+    recorded = list(frames_of(transect))[3].left.data.reshape(120, 160, 3)
+    assert np.abs(shown.astype(float) - recorded).mean() > 1.0
+
+
 @pytest.mark.parametrize("matrix", ["d", "r", "k", ""])
 def test_compressed_raw_images_are_refused_as_well(
     matrix: str, transect: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

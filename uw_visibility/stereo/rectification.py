@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Image
 from uw_visibility.images.cells import means
-from uw_visibility.stereo.calibration import EQUIDISTANT, CameraCalibration, read_pair
+from uw_visibility.stereo.calibration import EQUIDISTANT, CameraCalibration, CameraInfo, read_pair
 from uw_visibility.stereo.rig import StereoRig
 
 
@@ -63,6 +63,13 @@ class Rectifier:
             self._reduced[factor] = cv2.convertMaps(x, y, cv2.CV_16SC2)
         maps = self._reduced[factor]
         return np.asarray(cv2.remap(left, maps[0], maps[1], cv2.INTER_LINEAR))
+
+
+def rectify_one(image: Image, info: CameraInfo, side: str) -> NDArray[Any]:
+    """Rectify a raw image of a side, as a `Rectifier` of the pair does."""
+    maps = _undistortion_maps(CameraCalibration.from_camera_info(info, side), side)
+    return np.asarray(
+        cv2.remap(image, *cv2.convertMaps(*maps, cv2.CV_16SC2), cv2.INTER_LINEAR))
 
 
 def _undistortion_maps(

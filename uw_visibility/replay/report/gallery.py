@@ -23,7 +23,7 @@ from uw_visibility.images.overview import (
     side_by_side,
     viridis,
 )
-from uw_visibility.messages.frames import FrameReader, StereoFrame, read_pixels
+from uw_visibility.messages.frames import read_pixels
 from uw_visibility.messages.images import read_disparity
 from uw_visibility.messages.stamps import header_stamp
 from uw_visibility.replay.bags.reader import BagReader
@@ -33,6 +33,7 @@ from uw_visibility.replay.inputs.topics import Selection
 from uw_visibility.replay.report.sentences import clock, headline, number
 from uw_visibility.replay.results.folder import MESSAGES
 from uw_visibility.replay.table import Columns
+from uw_visibility.stereo.rectification import rectify_one
 from uw_visibility.stereo.rig import DISPARITY_STDDEV
 
 # Most frames for the choice of the colour scale.
@@ -41,7 +42,7 @@ SCALE_FRAMES = 16
 STEP = 4
 LARGEST_VIDEO_WIDTH = 1920
 LEFT_TOPIC, DISPARITY_TOPIC = "/left/enhanced/image", "/disparity"
-INFO_TOPICS = "/left/enhanced/camera_info", "/right/enhanced/camera_info"
+INFO_TOPIC = "/left/enhanced/camera_info"
 
 
 class ColourScale(NamedTuple):
@@ -118,7 +119,7 @@ class Gallery:
     ) -> None:
         self._folder, self._table = folder, table
         self._reader, self._raw_topic = reader, selection.left
-        self._rectify = FrameReader(rectify=True) if rectify else None
+        self._rectify = rectify
         self._rows = np.flatnonzero(table["reason"] == "").tolist()
         count = len(self._rows)
         chosen = {round(index) for index in np.linspace(0, count - 1, min(SCALE_FRAMES, count))}
@@ -143,12 +144,9 @@ class Gallery:
                 # Unmatched pixels are black.
                 drawn = np.zeros_like(after) if self.scale is None else draw_disparity(
                     read_disparity(disparity), *self.scale[:2])
-                if self._rectify is None:
-                    pixels = read_pixels(raw, "image")[0]
-                else:
-                    left, right = (self._at(results, topic, row) for topic in INFO_TOPICS)
-                    # The right image does not matter for the left one.
-                    pixels = self._rectify.read(StereoFrame(raw, raw, left, right)).left
+                pixels = read_pixels(raw, "image")[0]
+                if self._rectify:
+                    pixels = rectify_one(pixels, self._at(results, INFO_TOPIC, row), "left")
                 before = shown(pixels)
                 yield Picture(frame, self._caption(row), before, after, drawn)
 
