@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -158,3 +159,7 @@ def release_memory() -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the managed node until a signal ends it; see `uw_visibility.ros.run.run`."""
     return run(UwVisibilityLifecycleNode, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
