@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -86,11 +85,9 @@ def _noise_share(green: Image, pattern: str) -> float:
 
 def _smoothest(difference: NDArray[np.floating]) -> float:
     """Return the variance of differences in the smoothest blocks; 0 without any."""
-    size = difference.shape[1] // BLOCK, difference.shape[0] // BLOCK
-    if min(size) < 1:
+    if min(difference.shape) < BLOCK:
         return 0.0
-    whole = difference[: size[1] * BLOCK, : size[0] * BLOCK]
-    variances = cv2.resize(whole * whole, size, interpolation=cv2.INTER_AREA)
+    variances = means(difference * difference, BLOCK)
     alive = variances[variances > 0]
     return float(np.quantile(alive, SMOOTHEST)) if alive.size else 0.0
 

@@ -77,6 +77,12 @@ class CameraCalibration:
             projection=to_image @ projection,
         )
 
+    @property
+    def is_of_rectified(self) -> bool:
+        """Whether images need no rectification: no distortion, no rotation, and K as in P."""
+        return not self.distortion.any() and np.allclose(self.rotation, np.eye(3)) and np.allclose(
+            self.camera_matrix, self.projection[:, :3], RELATIVE_TOLERANCE, PIXEL_TOLERANCE)
+
     def check_distortion(self, side: str) -> None:
         """Refuse an unknown distortion model, or a wrong number of coefficients."""
         # Without coefficients, or with zeros, all but the equidistant model are a pinhole camera.

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uw_visibility.images.arrays import Mask
+from uw_visibility.images.cells import means
 from uw_visibility.optics.transfer import linear_table
 
 # The search looks at cells of this side, px.
@@ -46,9 +47,8 @@ def foreground_mask(image: NDArray[Any], points: NDArray[np.float32], transfer: 
     disparity, px.
     """
     height, width = image.shape[:2]
-    rows, columns = height // _CELL, width // _CELL
-    codes = cv2.resize(
-        image[:rows * _CELL, :columns * _CELL], (columns, rows), interpolation=cv2.INTER_AREA)
+    codes = means(image, _CELL)
+    rows, columns = codes.shape[:2]
     irradiance = linear_table(transfer, image.dtype)
     at = points[:, [1, 0]].astype(np.int64) // _CELL
     inside = (at[:, 0] < rows) & (at[:, 1] < columns)

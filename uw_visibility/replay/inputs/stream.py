@@ -31,12 +31,7 @@ from uw_visibility.replay.inputs.sensors import (
 )
 from uw_visibility.replay.inputs.topics import ODOMETRY, Selection, find_topics, is_raw
 from uw_visibility.replay.records import count_reason
-from uw_visibility.stereo.calibration import (
-    PIXEL_TOLERANCE,
-    RELATIVE_TOLERANCE,
-    CameraCalibration,
-    doubt,
-)
+from uw_visibility.stereo.calibration import CameraCalibration, doubt
 
 
 class RecordedFrame(NamedTuple):
@@ -232,14 +227,7 @@ class InputStream:
         except InputError:
             # Frames report why their calibration cannot be used.
             return
-        if self.selection.rectify or not is_raw(image):
-            return
-        if (
-            calibration.distortion.any() or not np.allclose(calibration.rotation, np.eye(3))
-            or not np.allclose(
-                calibration.camera_matrix, calibration.projection[:, :3],
-                RELATIVE_TOLERANCE, PIXEL_TOLERANCE)
-        ):
+        if not (self.selection.rectify or calibration.is_of_rectified) and is_raw(image):
             raise InputError(
                 f"{image} is raw by its name, and by its calibration not rectified: add --rectify, "
                 "or name rectified images with --left and --right"
