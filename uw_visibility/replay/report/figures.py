@@ -154,8 +154,9 @@ class _ClockFormatter(matplotlib.dates.ConciseDateFormatter):
         axes: Any = self.axis.axes
         letter = axes.figure.dpi / 72.0 * LETTER * matplotlib.rcParams["font.size"]
         places = axes.get_xaxis_transform().transform([(value, 0.0) for value in values])[:, 0]
-        self.first = "".join(
-            f"{matplotlib.dates.num2date(value, tz='UTC'):%Y-%m-%d}" for value in values[:1])
+        self.first = ""
+        if len(values):
+            self.first = f"{matplotlib.dates.num2date(values[0], tz='UTC'):%Y-%m-%d}"
         return [
             label if place + letter * len(label) / 2.0 < axes.figure.bbox.width else ""
             for place, label in zip(places, super().format_ticks(values), strict=True)
