@@ -81,7 +81,7 @@ def test_a_frame_under_lamps_comes_back_without_its_image(tmp_path: Path) -> Non
     estimate = frame_estimate()
     image = np.full((60, 80, 3), 90, np.uint8)
     rays = StereoRig(60.0, 0.1, (40.0, 30.0)).rays_at
-    ground = GroundView.of(View.of(image), np.full((60, 80), 2.0, np.float32), rays)
+    ground = GroundView.of(View.of(image), np.full((60, 80), 2.0, np.float32), rays, 0.01)
     light = LampLight(*np.full((5, 3), 0.2), ground=ground)
     object.__setattr__(estimate.water, "lamps", light)
     write(tmp_path, frame_record(1.5, 3, estimate=estimate))

@@ -81,17 +81,18 @@ def test_tracks_that_contradict_the_nodes_do_not_count() -> None:
     lamps = reader.estimate_view(View.of(shown.image), shown.range).lamps
     assert lamps is not None and lamps.nodes is not None
     alone = estimate_nodes([lamps.nodes], config.lighting, CLEAR_WATER)
-    near = TrackFit(1.05 * alone.attenuation, 0.01**2 * np.eye(3))
+    near = TrackFit(np.log(1.05 * alone.attenuation), 0.05**2 * np.eye(3))
     joined = estimate_nodes([lamps.nodes], config.lighting, CLEAR_WATER, tracks=near)
     assert (joined.attenuation > 1.01 * alone.attenuation).all()
     assert (joined.attenuation_stddev < alone.attenuation_stddev).all()
-    far = replace(near, attenuation=4.0 * alone.attenuation)
+    far = replace(near, log_attenuation=np.log(4.0 * alone.attenuation))
     refuted = estimate_nodes([lamps.nodes], config.lighting, CLEAR_WATER, tracks=far)
     np.testing.assert_array_equal(refuted.attenuation, alone.attenuation)
     # Red alone is off, as over flat ground from one altitude, by what chance makes in 2 of 100.
-    covariance = 1e-2 * np.diag(alone.attenuation_stddev**2)
-    weight = np.linalg.inv(alone.covariance[0::2, 0::2] + covariance)
-    red = alone.attenuation - [np.sqrt(10.0 / weight[0, 0]), 0.0, 0.0]
-    loose = replace(near, attenuation=red, covariance=covariance)
+    covariance = 1e-2 * np.diag((alone.attenuation_stddev / alone.attenuation) ** 2)
+    relative = alone.covariance[0::2, 0::2] / np.outer(alone.attenuation, alone.attenuation)
+    weight = np.linalg.inv(relative + covariance)
+    red = np.log(alone.attenuation) - [np.sqrt(10.0 / weight[0, 0]), 0.0, 0.0]
+    loose = replace(near, log_attenuation=red, covariance=covariance)
     chance = estimate_nodes([lamps.nodes], config.lighting, CLEAR_WATER, tracks=loose)
     np.testing.assert_array_equal(chance.attenuation, alone.attenuation)

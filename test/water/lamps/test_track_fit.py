@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from lamp_floor import BETA, LIGHTING, sightings
 
-from uw_visibility.water.lamps.track_fit import fit_tracks
+from uw_visibility.water.lamps.track_fit import TrackFit, fit_tracks
 from uw_visibility.water.lamps.tracks import Sightings, observe_points
 
 
@@ -20,16 +20,21 @@ def _part(seen: Sightings, number: int) -> Sightings:
     return Sightings(*(getattr(seen, field.name)[:number] for field in fields(Sightings)))
 
 
+def _off(fit: TrackFit) -> np.ndarray:
+    """Errors of ln β."""
+    return np.asarray(fit.log_attenuation - np.log(BETA))
+
+
 @pytest.mark.parametrize("exponent", [0.0, 1.0])
 def test_attenuation_does_not_depend_on_what_the_ground_reflects(exponent: float) -> None:
     # No light by the water, which the fit expects about: it is told apart by the points.
-    even = fit_tracks(sightings(exponent), LIGHTING)
-    sloping = fit_tracks(sightings(exponent, brighter=0.5), LIGHTING)
+    even = fit_tracks(sightings(exponent), LIGHTING, 0.0)
+    sloping = fit_tracks(sightings(exponent, brighter=0.5), LIGHTING, 0.0)
     for fit in (even, sloping):
         assert fit is not None
-        deviation = np.sqrt(np.diag(fit.covariance))
-        assert (np.abs(fit.attenuation - BETA) < 2 * deviation).all(), fit.attenuation
-        assert (np.abs(fit.attenuation / BETA - 1) < 0.12).all(), fit.attenuation
+        deviation, off = np.sqrt(np.diag(fit.covariance)), _off(fit)
+        assert (np.abs(off) < 2 * deviation).all(), off
+        assert (np.abs(off) < 0.12).all(), off
 
 
 def test_light_of_a_patch_falls_off_to_its_sides() -> None:
@@ -52,36 +57,44 @@ def test_light_of_a_patch_falls_off_to_its_sides() -> None:
             np.outer(0.02 * (1 + number), light), np.tile([0.0, 0.0, 1.0], (40, 1)),
             np.tile([0.0, 0.0, -1.0], (40, 1)), np.full(40, altitude),
             np.full(40, 0.16 / altitude), number, number % 16))
-    whole = fit_tracks(seen, lamp)
-    middle = fit_tracks([replace(each, spread=0.0 * each.spread) for each in seen], lamp)
+    whole = fit_tracks(seen, lamp, 0.0)
+    middle = fit_tracks([replace(each, spread=0.0 * each.spread) for each in seen], lamp, 0.0)
     assert whole is not None and middle is not None
-    off, off_middle = (np.abs(fit.attenuation - BETA).mean() for fit in (whole, middle))
+    off, off_middle = (np.abs(_off(fit)).mean() for fit in (whole, middle))
     assert off < 0.6 * off_middle, (off, off_middle)
 
 
 def test_lamps_that_may_be_elsewhere_widen_the_covariance() -> None:
     seen = sightings()
-    exact = fit_tracks(seen, replace(LIGHTING, position_stddev=0.0, direction_stddev=0.0))
-    vague = fit_tracks(seen, replace(LIGHTING, position_stddev=0.1, direction_stddev=8.0))
+    exact = fit_tracks(seen, replace(LIGHTING, position_stddev=0.0, direction_stddev=0.0), 0.0)
+    vague = fit_tracks(seen, replace(LIGHTING, position_stddev=0.1, direction_stddev=8.0), 0.0)
     assert exact is not None and vague is not None
     assert (np.diag(vague.covariance) > 1.3 * np.diag(exact.covariance)).all()
 
 
+def test_errors_of_range_widen_the_covariance() -> None:
+    seen = [replace(each, spread=0.08 + 0.0 * each.spread) for each in sightings()]
+    exact, rough = (fit_tracks(seen, LIGHTING, error) for error in (0.0, 0.02))
+    assert exact is not None and rough is not None
+    np.testing.assert_array_equal(rough.log_attenuation, exact.log_attenuation)
+    assert (np.diag(rough.covariance) > 1.1 * np.diag(exact.covariance)).all()
+
+
 def test_too_few_points_and_power_that_changes_tell_nothing() -> None:
     seen = sightings()
-    assert fit_tracks([], LIGHTING) is None
-    assert fit_tracks(seen[:2], LIGHTING) is None
-    assert fit_tracks([_part(each, 5) for each in seen], LIGHTING) is None
-    assert fit_tracks(sightings(power=0.5), LIGHTING) is None
+    assert fit_tracks([], LIGHTING, 0.0) is None
+    assert fit_tracks(seen[:2], LIGHTING, 0.0) is None
+    assert fit_tracks([_part(each, 5) for each in seen], LIGHTING, 0.0) is None
+    assert fit_tracks(sightings(power=0.5), LIGHTING, 0.0) is None
 
 
 def test_points_that_the_water_outshines_do_not_count() -> None:
     # Half of the points are nearly black: what is seen in front of them is the water alone.
-    fit = fit_tracks(sightings(outshone=0.5), LIGHTING)
+    fit = fit_tracks(sightings(outshone=0.5), LIGHTING, 0.0)
     assert fit is not None
-    error = fit.attenuation / BETA - 1.0
+    error = _off(fit)
     assert (np.abs(error) < 0.04).all(), error
-    assert fit_tracks(sightings(outshone=1.0), LIGHTING) is None
+    assert fit_tracks(sightings(outshone=1.0), LIGHTING, 0.0) is None
 
 
 def test_light_of_a_point_is_that_of_one_patch_of_ground_at_any_range() -> None:

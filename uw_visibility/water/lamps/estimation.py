@@ -68,15 +68,16 @@ def estimate_nodes(
         return replace(nothing, lamps=LampLight(no, no, no, no, no, frames[-1]))
     if posterior.misfit:
         status = refuse(status, Status.NOT_ONE_WATER)
-    beta = np.exp(posterior.log_attenuation)
-    covariance = posterior.covariance * np.outer(beta, beta)
+    log_beta, covariance = posterior.log_attenuation, posterior.covariance
     clearest: Array | None = widened(posterior.clearest, MODEL_ERROR)
     if tracks is not None:
-        fused = _joined(beta, covariance, tracks)
+        fused = _joined(log_beta, covariance, tracks)
         if fused is not None:
-            # Tracks give a normal distribution of β, much narrower than that of one frame.
-            (beta, covariance), clearest = fused, None
-    beta, covariance = _above_clear_water(beta, covariance, seen, clear_water)
+            # The clearest channel's distribution is that of the nodes alone.
+            (log_beta, covariance), clearest = fused, None
+    beta = np.exp(log_beta)
+    beta, covariance = _above_clear_water(
+        beta, covariance * np.outer(beta, beta), seen, clear_water)
     status = refuse_attenuation(status, beta, covariance, clear_water)
     known = passed(status)
     beta = np.where(known, beta, np.nan)
@@ -125,7 +126,7 @@ class LampEstimator:
     ) -> WaterEstimate:
         """Estimate attenuation and scattering from a view; see `WaterEstimator.estimate_view`.
 
-        `range_error` is ignored.
+        `range_error` counts in surveys.
         `ambient_light` of the result is that of the water at infinity in the image's middle.
         """
         if view.colour is None:
@@ -151,7 +152,7 @@ class LampEstimator:
             refused = [Status.RANGE_SPREAD_TOO_SMALL] * 3
         water = estimate_nodes([nodes], self._lighting, self._clear_water, refused)
         assert water.lamps is not None
-        ground = GroundView.of(view, full, self._rays)
+        ground = GroundView.of(view, full, self._rays, range_error)
         return replace(water, lamps=replace(water.lamps, ground=ground))
 
 
@@ -165,14 +166,14 @@ def _above_clear_water(
     return beta, covariance + MODEL_ERROR**2 * np.outer(beta, beta)
 
 
-def _joined(beta: Array, covariance: Array, tracks: TrackFit) -> tuple[Array, Array] | None:
-    """Weighted mean of the nodes' β and that of tracks; None where tracks contradict it."""
-    away = tracks.attenuation - beta
+def _joined(log_beta: Array, covariance: Array, tracks: TrackFit) -> tuple[Array, Array] | None:
+    """Weighted mean of the nodes' ln β and that of tracks; None where tracks contradict it."""
+    away = tracks.log_attenuation - log_beta
     weight = np.linalg.inv(covariance + tracks.covariance)
     if away @ weight @ away > CONTRADICTION:
         return None
     gain = covariance @ weight
-    return beta + gain @ away, covariance - gain @ covariance
+    return log_beta + gain @ away, covariance - gain @ covariance
 
 
 def _raised(mean: Array, covariance: Array, c: int, least: float) -> tuple[Array, Array]:

@@ -159,6 +159,26 @@ def infer(
     return _summed(grids, depths, scene, seen)
 
 
+def rigs_in_error(lighting: LightingConfig) -> list[list[Lamp]]:
+    """Rigs off by a standard deviation: of a lamp's place, axis or power, or of all beams."""
+    lamps = list(lighting.lamps())
+    rigs = displaced(lamps, lighting.position_stddev, lighting.direction_stddev)
+    rigs.append([
+        lamp._replace(beam_angle=min(lamp.beam_angle * (1.0 + BEAM_DEVIATION), 360.0))
+        for lamp in lamps])
+    for i, lamp in enumerate(lamps if len(lamps) > 1 else []):
+        stronger = lamp._replace(colour=vector((1.0 + POWER_DEVIATION) * np.array(lamp.colour)))
+        rigs.append([*lamps[:i], stronger, *lamps[i + 1 :]])
+    return rigs
+
+
+def course_of_scattered(distance: Array, direction: Array) -> Array:
+    """Deviations of ln of scattered light, (N, 3): linear in ln range (N,), column and row."""
+    course = np.column_stack((np.log(distance), direction[:, :2]))
+    course -= course.mean(axis=0)
+    return np.asarray(COURSE_DEVIATION * course / np.maximum(course.std(axis=0), 1e-6))
+
+
 class _Scene:
     """Nodes of frames, and their light by lamps in water that is at best clear, κ, (3,), 1/m."""
 
@@ -177,9 +197,7 @@ class _Scene:
         directions, normals = joined("direction"), joined("normal")
         self._ground = Ways.by_ground(directions, self.range, normals, list(lighting.lamps()))
         self.moved = self._main_directions(directions, normals, lighting)
-        course = np.column_stack((np.log(self.range), directions[:, :2]))
-        course -= course.mean(axis=0)
-        self.course = COURSE_DEVIATION * course / np.maximum(course.std(axis=0), 1e-6)
+        self.course = course_of_scattered(self.range, directions)
 
     def _main_directions(
         self, directions: Array, normals: Array, lighting: LightingConfig
@@ -193,16 +211,8 @@ class _Scene:
             light, _, _ = grey.sum(np.exp([USUAL_PARTICLES]), USUAL_EXPONENT)
             return np.log(light[:, 0])
 
-        lamps = list(lighting.lamps())
-        rigs = displaced(lamps, lighting.position_stddev, lighting.direction_stddev)
-        rigs.append([
-            lamp._replace(beam_angle=min(lamp.beam_angle * (1.0 + BEAM_DEVIATION), 360.0))
-            for lamp in lamps])
-        for i, lamp in enumerate(lamps if len(lamps) > 1 else []):
-            stronger = lamp._replace(colour=vector((1.0 + POWER_DEVIATION) * np.array(lamp.colour)))
-            rigs.append([*lamps[:i], stronger, *lamps[i + 1 :]])
-        first = log_direct(lamps)
-        changes = np.array([log_direct(rig) - first for rig in rigs])
+        first = log_direct(list(lighting.lamps()))
+        changes = np.array([log_direct(rig) - first for rig in rigs_in_error(lighting)])
         # A change common to all nodes has no information.
         left, _, _ = np.linalg.svd(
             changes - changes.mean(axis=1, keepdims=True), full_matrices=False)

@@ -37,15 +37,17 @@ class LampSurvey:
         self._frames: FrameWindow[Nodes] = FrameWindow(self._config)
         self._tracker = PointTracker(apart=WIDE)
         self._sightings: FrameWindow[Sightings] = FrameWindow(self._config)
+        self._range_error = 0.0
         self._last: tuple[float, SurveyEstimate] | None = None
 
     def add(self, water: WaterEstimate, stamp_seconds: float) -> None:
         """Add a frame's nodes, if any; its stamp (s) is later than those before."""
         light = water.lamps
         self._frames.add(None if light is None else light.nodes, stamp_seconds)
-        self._sightings.add(
-            None if light is None or light.ground is None else light.ground.observe(self._tracker),
-            stamp_seconds)
+        seen = None
+        if light is not None and light.ground is not None:
+            seen, self._range_error = light.ground.observe(self._tracker), light.ground.range_error
+        self._sightings.add(seen, stamp_seconds)
 
     def estimate(self) -> SurveyEstimate:
         """Estimate the water over the frames of the window, once in `INTERVAL`."""
@@ -65,8 +67,9 @@ class LampSurvey:
         frames, lighting = self._frames.items, self._lighting
         water = WaterEstimate.not_assessable(Status.TOO_FEW_OBSERVATIONS)
         if frames:
-            by_lamps_alone = lighting.model != "both"
-            tracks = fit_tracks(self._sightings.items, lighting) if by_lamps_alone else None
+            tracks = None
+            if lighting.model != "both":
+                tracks = fit_tracks(self._sightings.items, lighting, self._range_error)
             water = estimate_nodes(_thinned(frames), lighting, self._clear_water, tracks=tracks)
         return SurveyEstimate.of(water, self._frames, [nodes.range for nodes in frames])
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -25,13 +25,15 @@ from numpy.typing import NDArray
 from uw_visibility.compute.robust import charbonnier_weight, median_deviation
 from uw_visibility.config.lighting import Lamp, LightingConfig
 from uw_visibility.images.arrays import Array, Mask
-from uw_visibility.optics.lamps import Ways, displaced
+from uw_visibility.optics.lamps import Ways, across
 from uw_visibility.water.lamps.posterior import (
     ALBEDO,
     EXPONENT_DEVIATION,
     PARTICLES_DEVIATION,
     REFLECTANCE,
     USUAL_EXPONENT,
+    course_of_scattered,
+    rigs_in_error,
 )
 from uw_visibility.water.lamps.tracks import TILES, Sightings
 
@@ -51,59 +53,71 @@ LEAST_SCATTER, MOST_SCATTER = 0.01, 0.2
 TOGETHER = 6.0
 # Groups of frames; errors in different groups and tiles are taken as independent.
 FRAME_GROUPS = 6
-# Deviation of unmodelled trends of the ground's light along the path, 1/m: common to the channels,
-# and of each.
-TREND, CHANNEL_TREND = 0.015, 0.004
+# Deviation of the inverse range of a patch of ground over that of a single match. Matches err
+# together over a patch: 0.24 over rendered ground, where a match is off by less than is stated.
+PLANE_ERROR = 1 / 3
 ITERATIONS = 30
 
 
 @dataclass(frozen=True)
 class TrackFit:
-    """Attenuation (3,), 1/m, from tracked points, and its covariance."""
+    """ln β (3,), β in 1/m, from tracked points, and its covariance (3, 3)."""
 
-    attenuation: Array
+    log_attenuation: Array
     covariance: Array
 
 
-def fit_tracks(frames: Sequence[Sightings], lighting: LightingConfig) -> TrackFit | None:
+def fit_tracks(
+    frames: Sequence[Sightings], lighting: LightingConfig, range_error: float
+) -> TrackFit | None:
     """Fit attenuation to points in frames in the order of time, under lamps without daylight.
 
-    None with too few points, or if they do not fit the lamps.
+    `range_error` is the standard deviation of a match's inverse range, 1/m. None with too few
+    points, or if they do not fit the lamps.
     """
     if len(frames) < LEAST_FRAMES:
         return None
-    cells, group = pool_tracks(frames, MOST_SIGHTINGS)
+    cells, _ = pool_tracks(frames, MOST_SIGHTINGS)
     if len(cells.range) < FEWEST_SIGHTINGS:
         return None
     lamps = list(lighting.lamps())
-    ground = _ways_by_patches(cells, lamps)
-    water = Ways.by_water(cells.direction, cells.range, lamps)
-    p = START
+    p, ways = START, _ways(cells, lamps)
     for _ in range(ITERATIONS):
-        residual, jacobian, clear = _residuals(cells, ground, water, p)
+        ratio, change, clear = _compared(cells, ways, p)
         if clear.sum() < 3 * FEWEST_SIGHTINGS:
             return None
+        residual, jacobian = (less_means(each, cells.track, clear) for each in (ratio, change))
         scatter = max(median_deviation(residual[clear]), LEAST_SCATTER)
         weight = charbonnier_weight(residual / scatter) / (scatter * TOGETHER) ** 2
-        curvature = np.einsum("nci,nc,ncj->ij", jacobian, weight, jacobian, optimize=True)
-        slope = -np.einsum("nci,nc,nc->i", jacobian, weight, residual, optimize=True)
-        curvature += np.diag(_PRIOR)
+        curvature = np.diag(_PRIOR) + np.einsum(
+            "nci,nc,ncj->ij", jacobian, weight, jacobian, optimize=True)
+        slope = -_slope(jacobian, weight, residual)
         step = np.clip(np.linalg.solve(curvature, slope - _PRIOR * (p - START)), -0.5, 0.5)
         p = p + step
         if np.abs(step).max() < 1e-3:
             break
     if scatter > MOST_SCATTER:
         return None
-    bread, covariance = sandwich(jacobian, weight, residual, group, _PRIOR)
+    # Errors that all sightings share, of lamps and of scattered light.
     beta = np.exp(p[_BETA])
-    direct, _, _ = ground.sum(beta, p[0])
-    for moved in displaced(lamps, lighting.position_stddev, lighting.direction_stddev):
-        other, _, _ = _ways_by_patches(cells, moved).sum(beta, p[0])
-        change = less_means(np.log(other / direct), cells.track, clear)
-        shift = bread @ np.einsum("nci,nc,nc->i", jacobian, weight, change, optimize=True)
-        covariance += np.outer(shift, shift)
-    found = np.outer(beta, beta) * covariance[_BETA, _BETA]
-    return TrackFit(beta, found + TREND**2 + CHANNEL_TREND**2 * np.eye(3))
+    direct, _, _ = ways[0].sum(beta, p[0])
+    errors = [
+        np.log(_ways_by_patches(cells, rig).sum(beta, p[0])[0] / direct)
+        for rig in rigs_in_error(lighting)]
+    share = np.einsum("ncc->nc", change[..., _SCATTERING])
+    errors += [share * each[:, np.newaxis] for each in course_of_scattered(
+        cells.range, cells.direction).T]
+    slopes = [
+        _slope(jacobian, weight, less_means(error, cells.track, clear)) for error in errors]
+    # Errors of single sightings do not cancel: ranges and normals that are noisy seem to vary more
+    # than they do, so that light seems to fall less with them (Fuller 1987,
+    # doi:10.1002/9780470316665).
+    for other in _in_error(cells, PLANE_ERROR * range_error):
+        its_ratio, its_change, _ = _compared(other, _ways(other, lamps), p, clear)
+        slopes.append(_slope(its_change - change, weight * clear, its_ratio - ratio))
+    covariance = np.linalg.inv(curvature)
+    shifts = np.array(slopes) @ covariance
+    return TrackFit(p[_BETA], (covariance + shifts.T @ shifts)[_BETA, _BETA])
 
 
 # Parameters: exponent of the cosine, logarithms of β, logarithms of s over its usual value; what
@@ -114,26 +128,53 @@ DEVIATION = np.array([EXPONENT_DEVIATION, *[PARTICLES_DEVIATION] * 3, *[SCATTERI
 _PRIOR = 1.0 / DEVIATION**2
 
 
-def _residuals(cells: Sightings, ground: Ways, water: Ways, p: Array) -> tuple[Array, Array, Mask]:
-    """Residuals ln (E − s S) − ln D less their track's mean, Jacobian, and clear sightings.
+def _ways(cells: Sightings, lamps: Sequence[Lamp]) -> tuple[Ways, Ways]:
+    """Ways of light by the patches of ground, and by the water before them."""
+    return (
+        _ways_by_patches(cells, lamps), Ways.by_water(cells.direction, cells.range, lamps))
 
-    (N, 3), (N, 3, 7) and (N, 3).
+
+def _compared(
+    cells: Sightings, ways: tuple[Ways, Ways], p: Array, clear: Mask | None = None
+) -> tuple[Array, Array, Mask]:
+    """ln (E − s S) − ln D, its derivatives by the parameters, and clear sightings.
+
+    (N, 3), (N, 3, 7) and (N, 3). By default those are clear that are mostly the ground's own light.
     """
     light, beta = cells.light, np.exp(p[_BETA])
-    direct, path, cosine = ground.sum(beta, p[0])
-    scattered, path_scattered, _ = water.sum(beta)
+    direct, path, cosine = ways[0].sum(beta, p[0])
+    scattered, path_scattered, _ = ways[1].sum(beta)
     added = scattering_factor(light, direct, p[_BETA], p[_SCATTERING]) * scattered
-    clear = light - added > CLEAR_PART * light
+    if clear is None:
+        clear = light - added > CLEAR_PART * light
     own = np.where(clear, light - added, light)
     share = np.where(clear, added / own, 0.0)
-    jacobian = np.zeros((*light.shape, 7))
-    jacobian[..., 0] = -cosine + share * cosine.mean(axis=0)
+    change = np.zeros((*light.shape, 7))
+    change[..., 0] = -cosine + share * cosine.mean(axis=0)
     # Power changes with attenuation, since the observed light is fixed.
     by_beta = path - share * (1.0 / beta + path.mean(axis=0) - path_scattered)
-    jacobian[..., _BETA] = (by_beta * beta)[..., np.newaxis] * np.eye(3)
-    jacobian[..., _SCATTERING] = -share[..., np.newaxis] * np.eye(3)
-    residual = less_means(np.log(own / direct), cells.track, clear)
-    return residual, less_means(jacobian, cells.track, clear), clear
+    change[..., _BETA] = (by_beta * beta)[..., np.newaxis] * np.eye(3)
+    change[..., _SCATTERING] = -share[..., np.newaxis] * np.eye(3)
+    return np.log(own / direct), change, clear
+
+
+def _in_error(cells: Sightings, error: float) -> Iterator[Sightings]:
+    """Sightings off by a standard deviation: in range, and in the normal to either side.
+
+    `error` is that of the inverse range of a patch of ground, 1/m.
+    """
+    relative = error * cells.range
+    yield replace(cells, range=cells.range * (1.0 + relative))
+    # A plane over a patch is as far off at its rims.
+    tilt = (relative / np.maximum(cells.spread, 1e-6))[:, np.newaxis]
+    for side in map(np.array, zip(*(across(normal) for normal in cells.normal), strict=True)):
+        normal = cells.normal + tilt * side
+        yield replace(cells, normal=normal / np.linalg.norm(normal, axis=1, keepdims=True))
+
+
+def _slope(jacobian: Array, weight: Array, change: Array) -> Array:
+    """Derivatives (P,) of half the weighted squares of residuals (N, 3), by their change."""
+    return np.asarray(np.einsum("nci,nc,nc->i", jacobian, weight, change, optimize=True))
 
 
 def scattering_factor(

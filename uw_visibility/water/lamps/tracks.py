@@ -202,10 +202,12 @@ class GroundView:
     range: NDArray[np.float16]  # (h, w), m; NaN where unknown
     low: Array  # (2,), x/z and y/z of the line of sight through the middle of the first sample
     high: Array  # (2,), the same of the last sample
+    range_error: float  # standard deviation of a match's inverse range, 1/m
 
     @classmethod
     def of(
-        cls, view: View, range_map: NDArray[np.float32], rays: Callable[[Array, Array], Array]
+        cls, view: View, range_map: NDArray[np.float32], rays: Callable[[Array, Array], Array],
+        range_error: float,
     ) -> GroundView:
         """Reduce a colour view; `rays` gives unit directions, see `LampEstimator`."""
         assert view.colour is not None
@@ -229,7 +231,8 @@ class GroundView:
         return cls(
             linear_table(view.transfer, pixels.dtype)[codes].astype(np.float16),
             cv2.resize(clipped, size, interpolation=cv2.INTER_AREA).any(axis=2),
-            ranges.astype(np.float16), tangents[0] + inset, tangents[1] - inset)
+            ranges.astype(np.float16), tangents[0] + inset, tangents[1] - inset,
+            range_error)
 
     def observe(self, tracker: PointTracker) -> Sightings:
         """Light and place in the frame of the points that a tracker follows into it."""
