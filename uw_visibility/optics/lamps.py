@@ -261,9 +261,9 @@ def displaced(
 
 
 def across(axis: Array) -> tuple[Array, Array]:
-    """Two unit vectors that are perpendicular to a third one and to one another."""
-    first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-    first /= np.linalg.norm(first)
+    """Two unit vectors (..., 3), perpendicular to unit vectors (..., 3) and to one another."""
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis), axis=-1)])
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
     return first, np.cross(axis, first)
 
 

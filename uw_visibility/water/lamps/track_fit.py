@@ -167,7 +167,7 @@ def _in_error(cells: Sightings, error: float) -> Iterator[Sightings]:
     yield replace(cells, range=cells.range * (1.0 + relative))
     # A plane over a patch is as far off at its rims.
     tilt = (relative / np.maximum(cells.spread, 1e-6))[:, np.newaxis]
-    for side in map(np.array, zip(*(across(normal) for normal in cells.normal), strict=True)):
+    for side in across(cells.normal):
         normal = cells.normal + tilt * side
         yield replace(cells, normal=normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
