@@ -74,10 +74,12 @@ def test_lamps_that_may_be_elsewhere_widen_the_covariance() -> None:
 
 def test_errors_of_range_widen_the_covariance() -> None:
     seen = [replace(each, spread=0.08 + 0.0 * each.spread) for each in sightings()]
-    exact, rough = (fit_tracks(seen, LIGHTING, error) for error in (0.0, 0.02))
-    assert exact is not None and rough is not None
+    # The last one is of a baseline of 3 cm and 100 px: nothing is told, but no NaN either.
+    exact, rough, useless = (fit_tracks(seen, LIGHTING, error) for error in (0.0, 0.02, 0.3))
+    assert exact is not None and rough is not None and useless is not None
     np.testing.assert_array_equal(rough.log_attenuation, exact.log_attenuation)
     assert (np.diag(rough.covariance) > 1.1 * np.diag(exact.covariance)).all()
+    assert (np.diag(useless.covariance) > 4.0).all()
 
 
 def test_too_few_points_and_power_that_changes_tell_nothing() -> None:

@@ -98,6 +98,8 @@ def fit_tracks(
             break
     if scatter > MOST_SCATTER:
         return None
+    # The last step moved p.
+    ratio, change, _ = _compared(cells, ways, p, clear)
     # Errors that all sightings share, of lamps and of scattered light.
     beta = np.exp(p[_BETA])
     direct, _, _ = ways[0].sum(beta, p[0])
@@ -109,14 +111,15 @@ def fit_tracks(
         cells.range, cells.direction).T]
     slopes = [
         _slope(jacobian, weight, less_means(error, cells.track, clear)) for error in errors]
-    # Errors of single sightings do not cancel: ranges and normals that are noisy seem to vary more
-    # than they do, so that light seems to fall less with them (Fuller 1987,
+    # Errors of single sightings add up: ranges and normals that are noisy seem to
+    # vary more than they do, so that light seems to fall less with them (Fuller 1987,
     # doi:10.1002/9780470316665).
+    bias = np.zeros(len(p))
     for other in _in_error(cells, PLANE_ERROR * range_error):
         its_ratio, its_change, _ = _compared(other, _ways(other, lamps), p, clear)
-        slopes.append(_slope(its_change - change, weight * clear, its_ratio - ratio))
+        bias += _slope(its_change - change, weight * clear, its_ratio - ratio)
     covariance = np.linalg.inv(curvature)
-    shifts = np.array(slopes) @ covariance
+    shifts = np.array([*slopes, bias]) @ covariance
     return TrackFit(p[_BETA], (covariance + shifts.T @ shifts)[_BETA, _BETA])
 
 
@@ -147,8 +150,8 @@ def _compared(
     added = scattering_factor(light, direct, p[_BETA], p[_SCATTERING]) * scattered
     if clear is None:
         clear = light - added > CLEAR_PART * light
-    own = np.where(clear, light - added, light)
-    share = np.where(clear, added / own, 0.0)
+    own = np.where(clear, np.maximum(light - added, OWN_PART * light), light)
+    share = np.where(clear, (light - own) / own, 0.0)
     change = np.zeros((*light.shape, 7))
     change[..., 0] = -cosine + share * cosine.mean(axis=0)
     # Power changes with attenuation, since the observed light is fixed.
