@@ -198,7 +198,7 @@ def _assembled(
         (model.residuals(p + STEP * unit) - model.residuals(p - STEP * unit)) / (2 * STEP * scatter)
         for unit in np.eye(len(p))], axis=2)
     # Score and curvature of the weighted loss.
-    bread, covariance = track_fit.sandwich(
+    bread, covariance = _sandwich(
         jacobian, charbonnier_weight(residual) / track_fit.TOGETHER**2, residual, group,
         1.0 / model.stddev**2)
     covariance = np.maximum(np.diag(covariance), np.diag(bread))
@@ -215,6 +215,22 @@ def _assembled(
         math.hypot(deviation[model.beam][0], BEAM_ERROR) if model.beamed else 0.0, beta,
         np.hypot(beta * deviation[model.beta], BETA_ERROR), scatter, model.cells.range,
         model.residuals(model.mean), residual * scatter)
+
+
+def _sandwich(
+    jacobian: Array, weight: Array, residual: Array, group: NDArray[np.int64], prior: Array
+) -> tuple[Array, Array]:
+    """Inverse curvature and covariance of a weighted fit whose errors are alike within groups.
+
+    Jacobian (N, 3, P), weights and residuals (N, 3), groups (N,) and the precision beforehand,
+    (P,); neighbouring sightings and the channels share errors of range and ground. Returns (P, P)
+    each (Huber 1967).
+    """
+    curvature = np.einsum("nci,nc,ncj->ij", jacobian, weight, jacobian, optimize=True)
+    bread = np.linalg.inv(curvature + np.diag(prior))
+    summed = np.zeros((int(group.max()) + 1, len(prior)))
+    np.add.at(summed, group, np.einsum("nci,nc->ni", jacobian, weight * residual))
+    return bread, bread @ (summed.T @ summed + np.diag(prior)) @ bread
 
 
 def _rms(values: Array) -> float:

@@ -230,22 +230,6 @@ def _ways_by_patches(cells: Sightings, lamps: Sequence[Lamp]) -> Ways:
     return ways._replace(colour=ways.colour / len(parts))
 
 
-def sandwich(
-    jacobian: Array, weight: Array, residual: Array, group: NDArray[np.int64], prior: Array
-) -> tuple[Array, Array]:
-    """Inverse curvature and covariance of a weighted fit whose errors are alike within groups.
-
-    Jacobian (N, 3, P), weights and residuals (N, 3), groups (N,) and the precision beforehand,
-    (P,); neighbouring sightings and the channels share errors of range and ground. Returns (P, P)
-    each (Huber 1967).
-    """
-    curvature = np.einsum("nci,nc,ncj->ij", jacobian, weight, jacobian, optimize=True)
-    bread = np.linalg.inv(curvature + np.diag(prior))
-    summed = np.zeros((int(group.max()) + 1, len(prior)))
-    np.add.at(summed, group, np.einsum("nci,nc->ni", jacobian, weight * residual))
-    return bread, bread @ (summed.T @ summed + np.diag(prior)) @ bread
-
-
 def pool_tracks(frames: Sequence[Sightings], most: int) -> tuple[Sightings, NDArray[np.int64]]:
     """Pool points that several frames show, thinned by whole tracks to about `most` sightings.
 
