@@ -14,12 +14,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from frame_records import frame_estimate, frame_record, write_table
 from made_once import leave_out_figures
 
 from uw_visibility.cli import main
-from uw_visibility.replay.columns import COLUMNS
-from uw_visibility.replay.day import DAY_MARK, _depth
-from uw_visibility.replay.table import SUFFIX, read_rows
+from uw_visibility.plausibility.comparison import Verdict
+from uw_visibility.replay.columns import COLUMNS, TRANSECT
+from uw_visibility.replay.day import DAY_MARK, _depth, write_index
+from uw_visibility.replay.records import JoinedFrame
+from uw_visibility.replay.results.summary import Summary
+from uw_visibility.replay.table import SUFFIX, read_rows, read_table
 from uw_visibility_lab.simulation.bag import START, write_transect
 from uw_visibility_lab.simulation.camera import StereoCamera
 from uw_visibility_lab.simulation.transect import Transect
@@ -190,6 +194,33 @@ def test_nothing_that_is_of_no_day_is_replaced(
     assert main([*several, str(day / "leg 1")]) == 2
     assert "is the result of one recording" in capsys.readouterr().err
     assert not (day / "leg 1" / DAY_MARK).exists()
+
+
+def test_the_index_names_the_recording_whose_sensor_disagrees_and_whose_clock_was_set(
+    tmp_path: Path
+) -> None:
+    found = {}
+    for name, verdict, jump in (("good", Verdict.OK, 0), ("bad", Verdict.ERROR, 86400)):
+        (tmp_path / name).mkdir()
+        frames = [
+            JoinedFrame(
+                frame_record(1.7e9 + k + jump * (k > 3), k, estimate=frame_estimate()), None,
+                verdict=verdict)
+            for k in range(8)]
+        columns = read_table(write_table(tmp_path / name, frames), COLUMNS)
+        found[name] = Summary("bag", str(tmp_path / name)), columns
+        found[name][0].read(columns, 0.05, {0.1})
+    together = {
+        column: np.concatenate([columns[column] for _, columns in found.values()])
+        for column in COLUMNS} | {TRANSECT: np.repeat(list(found), 8)}
+    write_index(tmp_path, "day", together, [summary for summary, _ in found.values()], [])
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    good, bad = (
+        " ".join(re.sub("<[^>]*>", " ", row).split())
+        for row in re.findall(r"<tr>(<th scope=\"row\">.*?)</tr>", text, re.DOTALL))
+    assert "the sensor disagrees with the colour: error in 8 frames" in bad
+    assert "2023-11-15 22:13:27 UTC, most of it without frames" in bad
+    assert "disagrees" not in good and "without frames" not in good
 
 
 def test_one_depth_is_one_number() -> None:

@@ -24,6 +24,7 @@ from uw_visibility.replay.report.sentences import (
     amount,
     course,
     definition,
+    disagreement,
     formula,
     headline,
     number,
@@ -181,11 +182,13 @@ def _row(summary: Summary, synopsis: Synopsis, columns: Columns) -> dict[str, An
                     f"frames.{course(synopsis)}"
         trust = f"{share(synopsis.assessed, synopsis.frames)}, " \
                 f"± {percentage(synopsis.relative_stddev)}"
+    when = time_span(synopsis.start, synopsis.end) if synopsis.frames else "no frames"
     return {
         "name": name, "href": f"{quote(name)}/report.html",
-        "time": time_span(synopsis.start, synopsis.end) if synopsis.frames else "no frames",
+        "time": f"{when}, most of it without frames" if synopsis.gap else when,
         "start": synopsis.start / 1e9, "end": synopsis.end / 1e9,
-        "place": _place(columns), "depth": _depth(columns), "visibility": seen, "trust": trust,
+        "place": _place(columns), "depth": _depth(columns), "sensor": disagreement(summary),
+        "visibility": seen, "trust": trust,
         "worst": _part(Frame(name, synopsis.lowest.frame)) if synopsis.lowest else None,
         "why": "".join(map(str, verdict(summary)[-1])) if not synopsis.told else "",
         "damaged": bool(summary.damage),

@@ -240,6 +240,18 @@ def test_times_of_a_clock_that_was_not_set_are_not_those_of_the_day(
     assert not any("clock" in sentence for sentence in told(seen(0, 6.0))[0])
 
 
+def test_a_clock_that_is_set_forward_makes_no_day_of_a_short_recording() -> None:
+    day = 86400
+    sentences, _ = told(*(seen(k + day * (k > 3), 8.0) for k in range(8)))
+    assert (
+        "Most of this time has no frames, 2023-11-14 22:13:23 to 2023-11-15 22:13:24 UTC: the "
+        "cameras were off, or the clock was set in between.") in sentences
+    # Neither steady frames nor one that is missing.
+    for times in (range(8), (0, 1, 2, 4, 5), (0, 10), (0, 1, 3)):
+        assert not any("no frames" in sentence for sentence in told(
+            *(seen(k, 8.0) for k in times))[0]), times
+
+
 def test_numbers_say_in_how_many_frames_they_are_known() -> None:
     """A depth of a single frame of many is not that of the recording."""
     nan = math.nan

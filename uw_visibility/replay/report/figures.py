@@ -26,6 +26,7 @@ from uw_visibility.replay.report.svg import (
     Spot,
     draw,
 )
+from uw_visibility.replay.results.synopsis import LONGEST_STEP
 from uw_visibility.replay.table import Columns
 
 HEIGHT = 2.3
@@ -40,8 +41,6 @@ LETTER = 0.6
 MOST_NAMES = 12
 # Least value drawn; smaller ones are drawn here.
 LEAST_NIS = 1e-3
-# Lines break at gaps longer than this many median steps.
-LONGEST_STEP = 3.0
 # Seconds per day, the unit of time of matplotlib.
 DAY = 86400.0
 # Formats for ticks by year, month, day, hour, minute, second.

@@ -71,15 +71,24 @@ def verdict(summary: Summary) -> list[Sentence]:
         found.append([assumed(summary)])
     if synopsis.start < FIRST_DATE:
         found.append([CLOCK_NOT_SET])
-    sensor = [
-        f"{each} in {amount(count, 'frame')}" for each in (Verdict.ERROR, Verdict.WARN)
-        if (count := summary.counts["plausibility"][word(each)])]
-    if sensor:
+    if synopsis.gap:
+        before, after = synopsis.gap
         found.append([
-            f"The depth sensor disagrees with the colour of daylight: {', '.join(sensor)}, "
+            f"Most of this time has no frames, {time_span(before, after)}: the cameras were off, "
+            "or the clock was set in between."])
+    if sensor := disagreement(summary):
+        found.append([
+            f"The depth sensor disagrees with the colour of daylight: {sensor}, "
             "see plausibility_reason in frames.csv."])
     refused = _refused(summary, synopsis)
     return [*found, *([refused] if refused else []), *filtering(summary)]
+
+
+def disagreement(summary: Summary) -> str:
+    """Say in how many frames the depth sensor disagrees; empty if in none."""
+    return ", ".join(
+        f"{each} in {amount(count, 'frame')}" for each in (Verdict.ERROR, Verdict.WARN)
+        if (count := summary.counts["plausibility"][word(each)]))
 
 
 def assumed(summary: Summary) -> str:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -37,6 +37,8 @@ NARROWEST = 1e-3
 EVIDENCE, SEPARATION = 6.0, 2.0
 # Iterations of the fit of two groups.
 STEPS = 200
+# A step between stamps longer than this many median steps is a gap.
+LONGEST_STEP = 3.0
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,8 @@ class Synopsis:
     groups: list[tuple[float, int]] = field(default_factory=list)
     # baseline by the calibration, m; smallest and largest if it changes
     baselines: list[float] = field(default_factory=list)
+    # stamps of the frames before and after a gap that is most of the time, ns; see `gap`
+    gap: list[int] = field(default_factory=list)
 
     @property
     def differs(self) -> bool:
@@ -115,7 +119,7 @@ def synopsis(
     """Summarise the frames of a table.
 
     columns: columns of ``frames.csv`` by name. With several recordings there are no trend and
-        groups, which need one water.
+        groups, which need one water, and no gap.
     contrast: least visible contrast.
     baselines: baselines of the rigs of the frames, m.
     """
@@ -141,6 +145,7 @@ def synopsis(
         "channels": dict(Counter(CHANNELS[k] for k in clearest)),
         "rejected_distances": _ends(rejected),
         "baselines": sorted({min(baselines), max(baselines)}) if baselines else [],
+        "gap": [] if TRANSECT in columns else gap(stamps),
     }
     if not known.any():
         return Synopsis(**counts)
@@ -160,6 +165,24 @@ def synopsis(
         median=float(middle), low=float(low), high=float(high),
         relative_stddev=float(np.median(stddev[known] / distance[known])),
     )
+
+
+def gap(stamps: Sequence[int]) -> list[int]:
+    """Return the stamps before and after a gap that is more than half of the time, if any.
+
+    A clock that is set forward during a recording makes one. The time from the first to the last
+    frame is then not that of the recording.
+
+    stamps: ns, in the order of frames.
+    """
+    steps = np.diff(stamps)
+    if not steps.size:
+        return []
+    place = int(steps.argmax())
+    if 2 * steps[place] <= max(stamps) - min(stamps) or steps[place] <= LONGEST_STEP * np.median(
+            steps):
+        return []
+    return list(stamps[place:place + 2])
 
 
 def _ends(values: Array) -> list[float]:
