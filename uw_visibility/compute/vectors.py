@@ -40,9 +40,9 @@ class Vectors:
             for kind, value in zip(signature.args, arguments, strict=True)]
 
     @contextlib.contextmanager
-    def loop(self, count: Any) -> Iterator[Any]:
+    def loop(self, count: Any, step: int = LANES) -> Iterator[Any]:
         """Loop over `count` elements, which are whole vectors; gives the first index of each."""
-        first, step = ir.Constant(_INDEX, 0), ir.Constant(_INDEX, LANES)
+        first, step = ir.Constant(_INDEX, 0), ir.Constant(_INDEX, step)
         with cgutils.for_range_slice(self.builder, first, count, step) as (k, _):
             yield k
 
@@ -73,6 +73,11 @@ class Vectors:
         """The same integers with more or fewer bits."""
         change = self.builder.zext if bits > value.type.element.width else self.builder.trunc
         return change(value, ir.VectorType(ir.IntType(bits), LANES))
+
+    def shifted(self, first: Any, second: Any, by: int) -> Any:
+        """Elements of two vectors in a row, from the index `by` of the first on."""
+        return self.builder.shuffle_vector(
+            first, second, self.constant(list(range(by, by + LANES)), 32))
 
     def smaller(self, a: Any, b: Any) -> Any:
         """The smaller of both, element by element."""

@@ -57,10 +57,8 @@ _BEYOND = 3
 # Least refined disparity, px: disparity 0 has no lower neighbour for the refinement, but it is not
 # infinitely far.
 _LEAST = 0.06
-# Masks on the sum of the paths: the first path overwrites it, further paths are added.
-_FIRST, _ADDED = np.uint8(0), np.uint8(255)
 # Cost outside of the disparities: larger than any of a path, and within 8 bits with a step added.
-_BARRED = np.uint8(200)
+_BARRED = 200
 # Penalties of a disparity step of one pixel (P1) and of a larger one (P2): without noise, and per
 # level of restored noise; the most levels that count.
 _STEP, _STEP_PER_LEVEL = 40.0, 7.5
@@ -94,10 +92,16 @@ def search(
     workers.rows(
         _search_strips, len(ranges), of_left.horizontal, of_left.vertical, of_right.horizontal,
         of_right.vertical, left.grey, right.grey, left.gain, _tone_offset(left, right, points),
-        np.float32(min(_TONE_PER_LEVEL * left.noise, _MOST_PER_LEVEL)), plane, steep, -reward,
-        3 * reward - in_sum, ranges, np.uint8(round((_STEP + _STEP_PER_LEVEL * level) / _UNIT)),
+        np.float32(min(_TONE_PER_LEVEL * left.noise, _MOST_PER_LEVEL)), plane, steep,
+        _around_plane(-reward), _around_plane(3 * reward - in_sum), ranges,
+        np.uint8(round((_STEP + _STEP_PER_LEVEL * level) / _UNIT)),
         np.uint8(round((_JUMP + _JUMP_PER_LEVEL * level) / _UNIT)), *best, refined,
     )
+
+
+def _around_plane(prior: NDArray[np.int16]) -> NDArray[np.uint8]:
+    """Prior by distance from the plane, px, from that below it to that above, modulo 256."""
+    return np.concatenate((prior[:0:-1], prior)).astype(np.uint8)
 
 
 def _tone_offset(left: ContrastNormalizer, right: ContrastNormalizer, points: Points) -> np.float32:
@@ -117,7 +121,9 @@ def _ranges(points: Points, disparities: tuple[int, int], height: int) -> NDArra
         near = points[np.abs(points[:, 1] - middle) < 1.5 * _STRIP, 2]
         if not len(near):
             near = points[:, 2]
-        ranges[strip] = max(near.min() - _BEYOND, low), min(near.max() + _BEYOND + 1, high)
+        # A plane of support points may be beyond the limits.
+        ranges[strip] = (
+            min(max(near.min() - _BEYOND, low), high), min(near.max() + _BEYOND + 1, high))
     return ranges
 
 
@@ -131,77 +137,75 @@ def _search_strips(
     height, width = plane.shape
     wide = width + 2 * MARGIN
     least = np.empty(width, np.uint8)
+    radius = in_path.size // 2
     # The least cost is the largest reward by the plane; the largest leaves room for a jump.
-    fewest = np.uint8(-in_path[0])
-    most = np.uint16(_MOST_PATH - jump - fewest)
-    outside = np.uint8(most + fewest)
+    fewest = np.uint8(-in_path[radius])
+    most = np.uint8(_MOST_PATH - jump - fewest)
+    scales = np.empty(width, np.uint16)
+    # Of a row: number of disparities that are outside of the right view, and place of the prior.
+    hidden, place = np.empty(width, np.int64), np.empty(width, np.int64)
     for strip in range(start, stop):
         first = strip * _STRIP
         low = ranges[strip, 0]
         tried = ranges[strip, 1] - low + 1
         count = _whole_vectors(tried)
-        # Differences of the responses in five rows, by column and disparity.
-        across = np.empty((_ROWS, wide * count), np.uint8)
-        down = np.empty((_ROWS, wide * count), np.uint8)
-        inner, middle = np.empty(wide * count, np.uint8), np.empty(wide * count, np.uint8)
+        begin, end = max(first - _BEFORE, 0), min(first + _STRIP, height)
+        # Responses in coarse units. Those of the right view are from right to left, so that the
+        # candidates of a pixel are contiguous.
+        across = _coarse(left_across[begin : end + 2 * MARGIN], 0)
+        down = _coarse(left_down[begin : end + 2 * MARGIN], 0)
+        across_there = _coarse(right_across[begin : end + 2 * MARGIN, ::-1], low + count)
+        down_there = _coarse(right_down[begin : end + 2 * MARGIN, ::-1], low + count)
+        wide_there = wide + low + count
         cost = np.empty(width * count, np.uint8)
         total = np.empty(width * count, np.uint8)
-        # The right view from right to left, so that a pixel's candidates are contiguous.
-        mirrored = np.zeros(wide + low + count, np.uint8)
         tone = np.zeros(width + low + count, np.uint16)
-        # Costs of a path at the pixel before and at this one, each with an entry before the first
-        # disparity and one after the last; the downward path has them for each column.
-        to_right = np.full(2 * (count + 2), _BARRED, np.uint8)
-        to_left = np.full(2 * (count + 2), _BARRED, np.uint8)
-        above = np.full(2 * width * (count + 2), _BARRED, np.uint8)
+        # Costs of the paths at the last pixel, of the downward path at that of each column.
+        to_right, to_left = np.empty(count, np.uint8), np.empty(count, np.uint8)
+        above = np.empty(width * count, np.uint8)
+        # Read from a place that depends on the pixel: disparities outside of the right view, and
+        # the prior in the costs and in the sums.
+        outside = np.zeros(2 * count, np.uint8)
+        outside[count:] = _UNSEEN
+        near_in_path = np.zeros(2 * (count + radius) + 1, np.uint8)
+        near_in_sum = np.zeros(near_in_path.size, np.uint8)
+        near_in_path[count : count + in_path.size] = in_path
+        near_in_sum[count : count + in_path.size] = in_sum
         best = np.empty((2, width), np.int32)
         keys = np.empty(width + min(count, _PART), np.uint16)
-        begin = max(first - _BEFORE, 0)
         # Paths begin with costs of zero.
         least[:] = 0
+        above[:] = 0
         for x in range(width):
-            start_of_path = ((~begin & 1) * width + x) * (count + 2) + 1
-            above[start_of_path : start_of_path + count] = 0
-        for row in range(begin, min(first + _STRIP, height) + 2 * MARGIN):
-            at = row % _ROWS
-            _compare_rows(left_across[row], right_across[row], low, count, mirrored, across[at])
-            _compare_rows(left_down[row], right_down[row], low, count, mirrored, down[at])
-            # The responses begin two rows above the image, and descriptors reach two rows down.
-            y = row - 2 * MARGIN
-            if y < begin:
-                continue
-            _add_rows(across, down, y, inner, middle)
-            outer = across[(y + 2) % _ROWS]
-            _add_five(
-                outer, inner[count:], middle[2 * count :], inner[3 * count :], outer[4 * count :],
-                cost)
+            hidden[x] = count - _visible(x, width, low, tried)
+        for y in range(begin, end):
             for x in range(width):
                 brightness = np.float32(tone_right[y, x]) + offset
                 tone[width - 1 - x] = index_of(brightness, 0, 65535)
             for x in range(width):
                 # In 1/65536 of a unit of the responses.
-                scale = index_of(
+                scales[x] = index_of(
                     weight * gain[y, x] * np.float32(65536 / _RESPONSE_UNIT), 0, 65535)
-                at = x * count
-                _add_tones(
-                    tone_left[y, x], tone, width - 1 - x + low, count, np.uint16(scale),
-                    most, fewest, cost, at)
-                visible = _visible(x, width, low, tried)
-                for k in range(at + visible, at + count):
-                    cost[np.uint64(k)] = outside
-                _add_near_plane(plane[y, x], steep[y, x], in_path, low, count, cost, at)
-            now, before = (y & 1) * width, (~y & 1) * width
+                # NaN and steep triangles have no prior.
+                nowhere = low - radius - 1
+                mean = nowhere if steep[y, x] else index_of(
+                    plane[y, x] + np.float32(0.5), nowhere, low + count + radius)
+                place[x] = count + radius + low - mean
+            _compare(
+                across, down, (y - begin) * wide, wide, across_there, down_there,
+                (y - begin) * wide_there + wide - 1 + low, wide_there, tone_left[y], tone,
+                width - 1 + low, scales, most, fewest, outside, hidden, near_in_path, place, cost,
+                count)
             for x in range(width):
                 least[x] = _extend(
-                    above, (before + x) * (count + 2) + 1, least[x], cost, x * count, count, step,
-                    jump, above, (now + x) * (count + 2) + 1, total, _FIRST)
+                    above, x * count, least[x], cost, x * count, count, step, jump, near_in_sum,
+                    place[x], total)
             if y < first:
                 continue
             _add_paths(cost, count, width, step, jump, to_right, to_left, total)
-            for x in range(width):
-                _add_near_plane(plane[y, x], steep[y, x], in_sum, low, count, total, x * count)
             _select(
-                total, count, low, tried, best, keys, best_left[y], best_right[y], refined[y])
+                total, count, low, outside, hidden, best, keys, best_left[y], best_right[y],
+                refined[y])
 
 
 @njit(nogil=True, error_model="numpy", inline="always")
@@ -217,147 +221,139 @@ def _whole_vectors(count: int) -> int:
 
 
 @njit(nogil=True, error_model="numpy")
-def _compare_rows(
-    left: Any, right: Any, low: int, count: int, mirrored: Any, difference: Any
-) -> None:
-    """Compare each response of a row with those of the right view at each disparity."""
-    width = left.size
-    for x in range(width):
-        mirrored[width - 1 - x] = (right[x] + _RESPONSE_UNIT // 2) // _RESPONSE_UNIT
-    for x in range(width):
-        here = np.uint8((left[x] + _RESPONSE_UNIT // 2) // _RESPONSE_UNIT)
-        _compare_responses(here, mirrored, width - 1 - x + low, count, difference, x * count)
+def _coarse(responses: Any, more: int) -> Any:
+    """Responses in units of `_RESPONSE_UNIT` (H, W + more), as one row."""
+    height, width = responses.shape
+    coarse = np.zeros((height, width + more), np.uint8)
+    for y in range(height):
+        for x in range(width):
+            coarse[y, x] = (responses[y, x] + _RESPONSE_UNIT // 2) // _RESPONSE_UNIT
+    return coarse.reshape(-1)
 
 
 @intrinsic
-def _compare_responses(
-    typingctx: Any, here: Any, there: Any, first: Any, count: Any, difference: Any, at: Any
+def _compare(
+    typingctx: Any, across: Any, down: Any, at: Any, wide: Any, across_there: Any,
+    down_there: Any, at_there: Any, wide_there: Any, tone: Any, tone_there: Any,
+    first_tone_there: Any, scale: Any, most: Any, least: Any, outside: Any, hidden: Any,
+    near: Any, place: Any, cost: Any, count: Any,
 ) -> Any:
-    """Compare a response with those of the right view at each disparity; arrays are 1-D uint8."""
+    """Write the costs of a row's pixels at each disparity: differences of responses and of tones.
 
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
-        v = Vectors(context, builder)
-        here, there, first, count, difference, at = v.operands(signature, arguments)
-        here, most = v.filled(here), v.constant(_MOST_RESPONSE, 8)
-        with v.loop(count) as k:
-            apart = v.apart(here, v.load(there, builder.add(first, k)))
-            v.store(v.smaller(apart, most), difference, builder.add(at, k))
-
-    i = types.intp
-    return types.void(types.uint8, there, i, i, difference, i), codegen
-
-
-@njit(nogil=True, error_model="numpy")
-def _add_rows(across: Any, down: Any, y: int, inner: Any, middle: Any) -> None:
-    """Sum differences down the second or fourth column of a descriptor, and down its third.
-
-    The responses are those that `descriptors` gathers: eleven horizontal, five vertical.
-    """
-    first, second, third, fourth, fifth = (
-        y % _ROWS, (y + 1) % _ROWS, (y + 2) % _ROWS, (y + 3) % _ROWS, (y + 4) % _ROWS)
-    _add_three(across[second], across[third], down[third], inner)
-    _add_six(
-        inner, across[first], across[fourth], across[fifth], down[second], down[fourth], middle)
-
-
-@njit(nogil=True, error_model="numpy")
-def _add_three(a: Any, b: Any, c: Any, total: Any) -> None:
-    for i in range(total.size):
-        total[i] = np.uint8(a[i] + b[i] + c[i])
-
-
-@njit(nogil=True, error_model="numpy")
-def _add_six(a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, total: Any) -> None:
-    for i in range(total.size):
-        total[i] = np.uint8(a[i] + b[i] + c[i] + d[i] + e[i] + f[i])
-
-
-@njit(nogil=True, error_model="numpy")
-def _add_five(a: Any, b: Any, c: Any, d: Any, e: Any, total: Any) -> None:
-    for i in range(total.size):
-        total[i] = np.uint8(a[i] + b[i] + c[i] + d[i] + e[i])
-
-
-@intrinsic
-def _add_tones(
-    typingctx: Any, here: Any, there: Any, first: Any, count: Any, scale: Any, most: Any,
-    least: Any, cost: Any, at: Any,
-) -> Any:
-    """Add differences of tone to those of the responses, and turn the sums into costs.
-
-    The costs (1-D uint8) are from `least` to `least + most`. Tones are uint16, those of the right
-    view 1-D; `scale` is in 1/65536.
+    The responses are those that `descriptors` gathers, in `_ROWS` rows from `at` on: eleven
+    horizontal ones, `across`, and five vertical ones, `down`; sums down a descriptor's columns are
+    reused. `scale` of differences of tone is in 1/65536. The costs are from `least` to
+    `least + most`, which is that of disparities `outside` of the right view, and have the prior
+    added, which is `near` from the index `place` on. Arrays are 1-D, of uint8; of uint16 the tones
+    and their scale.
     """
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> None:
         v = Vectors(context, builder)
-        here, there, first, count, scale, most, least, cost, at = v.operands(signature, arguments)
-        here, most, least = v.filled(here), v.filled(most), v.filled(least)
-        scale = v.with_bits(v.filled(scale), 32)
+        (across, down, at, wide, across_there, down_there, at_there, wide_there, tone, tone_there,
+         first_tone_there, scale, most, least, outside, hidden, near, place, cost, count) = (
+            v.operands(signature, arguments))
+        add, index = builder.add, wide.type
+        most, least = v.filled(most), v.filled(least)
+        margin = ir.Constant(index, 2 * MARGIN)
+
+        def of(array: Any, i: Any) -> Any:
+            return builder.load(builder.gep(array, [i]))
+
         with v.loop(count) as k:
-            apart = v.apart(here, v.load(there, builder.add(first, k)))
-            scaled = builder.mul(v.with_bits(apart, 32), scale)
-            tone = v.with_bits(builder.lshr(scaled, v.constant(16, 32)), 16)
-            i = builder.add(at, k)
-            responses = builder.add(
-                v.with_bits(v.load(cost, i), 16), v.smaller(tone, v.constant(_MOST_TONE, 16)))
-            responses = builder.udiv(
-                builder.add(responses, v.constant(_RESPONSES // 2, 16)),
-                v.constant(_RESPONSES, 16))
-            v.store(
-                builder.add(v.with_bits(v.smaller(responses, most), 8), least), cost, i)
+            # Sums of the last four descriptors, without their columns to come.
+            parts = [v.variable(v.constant(0, 8)) for _ in range(2 * MARGIN)]
 
-    short, byte, i = types.uint16, types.uint8, types.intp
-    return types.void(short, there, i, i, short, short, byte, cost, i), codegen
+            def complete(column: Any, k: Any = k, parts: Any = parts) -> Any:
+                """Add a column to all descriptors that contain it, and return the completed."""
 
+                def difference(here: Any, there: Any, row: int) -> Any:
+                    i = add(add(at, column), builder.mul(wide, ir.Constant(index, row)))
+                    j = builder.sub(at_there, column)
+                    j = add(add(j, k), builder.mul(wide_there, ir.Constant(index, row)))
+                    apart = v.apart(v.filled(of(here, i)), v.load(there, j))
+                    return v.smaller(apart, v.constant(_MOST_RESPONSE, 8))
 
-@njit(nogil=True, error_model="numpy")
-def _add_near_plane(
-    mean: Any, steep: Any, prior: Any, low: int, count: int, cost: Any, at: int
-) -> None:
-    """Add the prior of the mesh's plane."""
-    if steep or mean != mean:
-        return
-    radius = len(prior) - 1
-    middle = index_of(mean + np.float32(0.5), -1 << 20, 1 << 20) - low
-    for k in range(max(middle - radius, 0), min(middle + radius + 1, count)):
-        i = np.uint64(at + k)
-        cost[i] = np.uint8(cost[i] + prior[np.uint64(abs(k - middle))])
+                a = [difference(across, across_there, row) for row in range(_ROWS)]
+                d = [difference(down, down_there, row) for row in (1, 2, 3)]
+                # Sums down the first or last, second or fourth, and third column of a descriptor.
+                outer = a[2]
+                inner = add(add(outer, a[1]), d[1])
+                middle = add(add(add(inner, a[0]), add(a[3], a[4])), add(d[0], d[2]))
+                before = [builder.load(part) for part in parts]
+                after = (outer, add(before[0], inner), add(before[1], middle),
+                         add(before[2], inner))
+                for part, value in zip(parts, after, strict=True):
+                    builder.store(value, part)
+                return add(before[3], outer)
+
+            with v.loop(margin, 1) as column:
+                complete(column)
+            with v.loop(builder.sub(wide, margin), 1) as x:
+                responses = complete(add(x, margin))
+                i = add(builder.sub(first_tone_there, x), k)
+                apart = v.apart(v.filled(of(tone, x)), v.load(tone_there, i))
+                factor = v.with_bits(v.filled(of(scale, x)), 32)
+                scaled = builder.lshr(
+                    builder.mul(v.with_bits(apart, 32), factor), v.constant(16, 32))
+                tones = v.smaller(v.with_bits(scaled, 16), v.constant(_MOST_TONE, 16))
+                total = add(v.with_bits(responses, 16), tones)
+                total = builder.udiv(
+                    add(total, v.constant(_RESPONSES // 2, 16)), v.constant(_RESPONSES, 16))
+                unseen = v.load(outside, add(of(hidden, x), k))
+                limited = v.smaller(builder.or_(v.with_bits(total, 8), unseen), most)
+                prior = v.load(near, add(of(place, x), k))
+                v.store(add(add(limited, least), prior), cost, add(builder.mul(x, count), k))
+
+    byte, i = types.uint8, types.intp
+    return types.void(
+        across, down, i, i, across_there, down_there, i, i, tone, tone_there, i, scale, byte, byte,
+        outside, hidden, near, place, cost, i), codegen
 
 
 @intrinsic
 def _extend(
-    typingctx: Any, source: Any, start: Any, least: Any, cost: Any, at: Any, count: Any, step: Any,
-    jump: Any, target: Any, to: Any, total: Any, keep: Any,
+    typingctx: Any, path: Any, start: Any, least: Any, cost: Any, at: Any, count: Any, step: Any,
+    jump: Any, added: Any, place: Any, total: Any,
 ) -> Any:
     """Extend a path by a pixel (Hirschmüller 2008, equation 13); return the least of its costs.
 
-    They are added to `total & keep`. Arrays are 1-D uint8, and `count` is whole vectors.
+    `total` becomes the sum of `added` and the costs. Arrays are 1-D uint8, and `count` is whole
+    vectors, one at least.
     """
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         v = Vectors(context, builder)
-        source, start, least, cost, at, count, step, jump, target, to, total, keep = v.operands(
+        path, start, least, cost, at, count, step, jump, added, place, total = v.operands(
             signature, arguments)
-        one = ir.Constant(start.type, 1)
+        lanes = ir.Constant(start.type, LANES)
         most = v.filled(builder.add(least, jump))
-        step, least, keep = v.filled(step), v.filled(least), v.filled(keep)
-        fresh = v.variable(v.constant(255, 8))
-        with v.loop(count) as k:
-            from_k, i = builder.add(start, k), builder.add(at, k)
+        step, least = v.filled(step), v.filled(least)
+        barred = v.constant(_BARRED, 8)
+        fresh, before = v.variable(v.constant(255, 8)), v.variable(barred)
+        middle = v.variable(v.load(path, start))
+
+        def extend(k: Any, after: Any) -> None:
+            own = builder.load(middle)
             beside = v.smaller(
-                v.load(source, builder.sub(from_k, one)), v.load(source, builder.add(from_k, one)))
-            path = v.smaller(v.load(source, from_k), builder.add(beside, step))
-            path = v.smaller(path, most)
-            here = builder.add(v.load(cost, i), builder.sub(path, least))
-            v.store(here, target, builder.add(to, k))
-            kept = builder.and_(v.load(total, i), keep)
-            v.store(builder.add(kept, here), total, i)
+                v.shifted(builder.load(before), own, LANES - 1), v.shifted(own, after, 1))
+            lowest = v.smaller(v.smaller(own, builder.add(beside, step)), most)
+            i = builder.add(at, k)
+            here = builder.add(v.load(cost, i), builder.sub(lowest, least))
+            v.store(here, path, builder.add(start, k))
+            v.store(builder.add(v.load(added, builder.add(place, k)), here), total, i)
             builder.store(v.smaller(builder.load(fresh), here), fresh)
+            builder.store(own, before)
+            builder.store(after, middle)
+
+        last = builder.sub(count, lanes)
+        with v.loop(last) as k:
+            extend(k, v.load(path, builder.add(builder.add(start, k), lanes)))
+        extend(last, barred)
         return v.smallest(builder.load(fresh))
 
     value, i = types.uint8, types.intp
-    return value(source, i, value, cost, i, i, value, value, target, i, total, value), codegen
+    return value(path, i, value, cost, i, i, value, value, added, i, total), codegen
 
 
 @njit(nogil=True, error_model="numpy")
@@ -368,24 +364,21 @@ def _add_paths(
 
     The two alternate, so that the processor need not wait for the result of either.
     """
-    wide = count + 2
-    for path in (right, left):
-        path[wide + 1 : wide + 1 + count] = 0
+    right[:] = 0
+    left[:] = 0
     least_right = least_left = np.uint8(0)
     for x in range(width):
-        now, before = (x & 1) * wide + 1, (~x & 1) * wide + 1
+        at, other = x * count, (width - 1 - x) * count
         least_right = _extend(
-            right, before, least_right, cost, x * count, count, step, jump, right, now, total,
-            _ADDED)
+            right, 0, least_right, cost, at, count, step, jump, total, at, total)
         least_left = _extend(
-            left, before, least_left, cost, (width - 1 - x) * count, count, step, jump, left, now,
-            total, _ADDED)
+            left, 0, least_left, cost, other, count, step, jump, total, other, total)
 
 
 @njit(nogil=True, error_model="numpy")
 def _select(
-    total: Any, count: int, low: int, tried: int, best: Any, keys: Any, best_left: Any,
-    best_right: Any, refined: Any,
+    total: Any, count: int, low: int, outside: Any, hidden: Any, best: Any, keys: Any,
+    best_left: Any, best_right: Any, refined: Any,
 ) -> None:
     """Write the best disparity of each pixel of a row, for both views.
 
@@ -393,16 +386,13 @@ def _select(
     the smaller disparity is kept.
     """
     width = best_left.size
-    for x in range(width):
-        visible = _visible(x, width, low, tried)
-        for k in range(x * count + visible, (x + 1) * count):
-            total[np.uint64(k)] = _UNSEEN
     best[:] = dense.NOTHING
     for first in range(0, count, _PART):
         keys[:] = _NO_KEY
         for x in range(width):
             key = _offer(
-                total, x * count + first, min(count - first, _PART), keys, width - 1 - x)
+                total, x * count + first, outside, hidden[x] + first,
+                min(count - first, _PART), keys, width - 1 - x)
             best[0, x] = min(best[0, x], _whole_key(key, first))
         for x in range(width - low - first):
             key = keys[width - 1 - x - low - first]
@@ -413,7 +403,7 @@ def _select(
         k = best[0, x] & dense.DISPARITY_MASK
         offset = 0.0
         # The first and the last disparity of a column have one neighbour only.
-        if best_left[x] >= 0 and 0 < k < _visible(x, width, low, tried) - 1:
+        if best_left[x] >= 0 and 0 < k < count - hidden[x] - 1:
             at = x * count + k
             offset = meeting_of_lines(
                 np.int32(total[at - 1]), np.int32(total[at]), np.int32(total[at + 1]))
@@ -421,7 +411,9 @@ def _select(
 
 
 @intrinsic
-def _offer(typingctx: Any, total: Any, at: Any, count: Any, keys: Any, to: Any) -> Any:
+def _offer(
+    typingctx: Any, total: Any, at: Any, outside: Any, hidden: Any, count: Any, keys: Any, to: Any
+) -> Any:
     """Update the best keys of the right view with a pixel's; return the pixel's own best key.
 
     `total` is 1-D uint8, `keys` 1-D uint16.
@@ -429,11 +421,12 @@ def _offer(typingctx: Any, total: Any, at: Any, count: Any, keys: Any, to: Any) 
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         v = Vectors(context, builder)
-        total, at, count, keys, to = v.operands(signature, arguments)
+        total, at, outside, hidden, count, keys, to = v.operands(signature, arguments)
         best = v.variable(v.constant(int(_NO_KEY), 16))
         numbers = v.constant(list(range(LANES)), 16)
         with v.loop(count) as k:
-            sums = v.with_bits(v.load(total, builder.add(at, k)), 16)
+            unseen = v.load(outside, builder.add(hidden, k))
+            sums = v.with_bits(builder.or_(v.load(total, builder.add(at, k)), unseen), 16)
             first = v.filled(builder.trunc(k, ir.IntType(16)))
             key = builder.add(
                 builder.shl(sums, v.constant(8, 16)), builder.add(first, numbers))
@@ -443,7 +436,7 @@ def _offer(typingctx: Any, total: Any, at: Any, count: Any, keys: Any, to: Any) 
         return v.smallest(builder.load(best))
 
     i = types.intp
-    return types.uint16(total, i, i, keys, i), codegen
+    return types.uint16(total, i, outside, i, i, keys, i), codegen
 
 
 @njit(nogil=True, error_model="numpy", inline="always")
