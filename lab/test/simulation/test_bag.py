@@ -14,6 +14,7 @@ import pytest
 
 from uw_visibility.cli import main
 from uw_visibility.messages.images import read_image, stamp_to_nanoseconds
+from uw_visibility.optics.visual_range import BEAM_OVER_SEEN
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility_lab.simulation.camera import CameraEffects, StereoCamera
 from uw_visibility_lab.simulation.transect import Transect
@@ -85,6 +86,12 @@ def test_depth_points_up_and_its_noise_is_as_stated(bag: SimpleNamespace) -> Non
             assert covariance[2, 2] == pytest.approx(variance)
             assert (np.diag(covariance)[[0, 1, 3, 4, 5]] >= 1e6).all()
             assert message.pose.pose.orientation.w == 1.0
+
+
+def test_the_transmissometer_reads_the_beam_attenuation(bag: SimpleNamespace) -> None:
+    """A camera sees light scattered by small angles, which a transmissometer does not."""
+    for message, frame in zip(bag.messages["/transmissometer"], bag.frames, strict=True):
+        assert message.data == pytest.approx(BEAM_OVER_SEEN * frame.attenuation[1], rel=0.1)
 
 
 def test_truth_of_the_water(bag: SimpleNamespace) -> None:

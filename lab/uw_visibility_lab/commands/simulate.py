@@ -41,9 +41,9 @@ HELP = "an underwater stereo transect with its ground truth"
 DESCRIPTION = """\
 Render the images of a stereo camera that moves over a reef while depth and turbidity
 change, and record them as a rosbag2 (mcap), with the calibration, a depth sensor, a
-transmissometer (/transmissometer, attenuation of the green channel, 1/m, with a noise
-of 2 %), and the truth about water, depth and disparity under /ground_truth. The same
-options give the same recording.
+transmissometer (/transmissometer, beam attenuation, 1/m: twice the attenuation that the
+green channel sees, with a noise of 2 %), and the truth about water, depth and disparity
+under /ground_truth. The same options give the same recording.
 
 By default the water is that of the paper: clear water and grey particles, with the same
 light on the scene and in the water. Options under "water", "disturbances" and "camera"

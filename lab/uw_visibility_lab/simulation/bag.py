@@ -33,6 +33,7 @@ from uw_visibility.messages.estimates import (
 )
 from uw_visibility.messages.images import MessageFactory, write_image
 from uw_visibility.optics.light_model import visibility_distance
+from uw_visibility.optics.visual_range import BEAM_OVER_SEEN
 from uw_visibility.replay.inputs.sensors import geographic
 from uw_visibility_lab.simulation.camera import StereoCamera
 from uw_visibility_lab.simulation.lamps import Lamp, lighting_parameters
@@ -147,7 +148,9 @@ def write_transect(
             noisy = frame.depth + depth_stddev * random.standard_normal()
             sensed = depth_message(bag.make, surface, noisy, depth_stddev**2)
             bag.write("/depth_sensor", sensed, stamp)
-            beam = frame.attenuation[1] * (1 + TRANSMISSOMETER_NOISE * optical.standard_normal())
+            # It reads beam attenuation, which is more than what a camera sees.
+            beam = BEAM_OVER_SEEN * frame.attenuation[1] * (
+                1 + TRANSMISSOMETER_NOISE * optical.standard_normal())
             bag.write("/transmissometer", bag.make("std_msgs/msg/Float64", data=beam), stamp)
             if position is not None:
                 fix = _fix_message(bag.make, header, position, transect.speed * time)
