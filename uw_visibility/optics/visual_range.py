@@ -42,8 +42,9 @@ difference is 18 %, as from 338 measurements (same)."""
 def black_disc_visibility(beam_attenuation: ArrayLike) -> Array:
     """Horizontal visibility of a black target, y = 4.8 / c, m.
 
-    c is the beam attenuation, 1/m, photopic or near 532 nm. J. R. V. Zaneveld and W. S. Pegau,
-    Robust underwater visibility parameter, Optics Express 11(23), 2003, doi 10.1364/OE.11.002997.
+    c is the beam attenuation, 1/m, photopic; that near 532 nm stands in for it. J. R. V. Zaneveld
+    and W. S. Pegau, Robust underwater visibility parameter, Optics Express 11(23), 2003, doi
+    10.1364/OE.11.002997.
     """
     return np.asarray(BLACK_DISC / np.asarray(beam_attenuation, np.float64))
 
