@@ -102,6 +102,23 @@ def test_exposure_tells_nothing_and_scales_what_it_should() -> None:
     np.testing.assert_allclose(other.scattering, 0.25 * one.scattering, rtol=1e-5)
 
 
+@pytest.mark.parametrize("particles", [0.09, 0.13, 0.19])
+def test_power_is_that_of_the_attenuation_which_ground_is_restored_with(particles: float) -> None:
+    # Scattered light hides none of it.
+    shown = nodes(particles, 0.2, far=4.0)
+    posterior = found(shown)
+    facing = np.zeros_like(shown.light)
+    for lamp in LIGHTING.lamps():
+        points = shown.direction * shown.range[:, np.newaxis]
+        r, lit, _ = (each[:, 0] for each in shine(points[:, None], shown.direction, lamp))
+        facing += lit[:, None] * np.exp(
+            -np.outer(r + shown.range, np.exp(posterior.log_attenuation)))
+    scattered = posterior.scattering * np.exp(shown.log_scattered[0].T)
+    restored = (shown.bright - scattered) / (posterior.power * facing)
+    # Seven in ten of the nodes are darker than white.
+    np.testing.assert_allclose(np.quantile(restored, 0.7, axis=0), 0.9, rtol=1e-6)
+
+
 @pytest.mark.parametrize(("daylight", "veil"), [(0.25, 1.0), (0.8, 0.3)])
 def test_attenuation_is_told_whatever_the_share_of_daylight(daylight: float, veil: float) -> None:
     """The share is between those that the posterior begins with, too."""

@@ -371,7 +371,9 @@ def _summed(
     most = int(np.argmax(weight))
     grid, depth = grids[most // FINE], depths[most // FINE]
     best = min(grid, key=lambda each: abs(math.log(each.particles) - fine[most % FINE]))
-    p, light = best.parameters, scene.light(best.attenuation, depth)
+    # Light on the ground is that of the attenuation that is told, which images are restored with:
+    # from one point of the grid to the next it would jump.
+    p, light = best.parameters, scene.light(np.exp(middle), depth)
     amount = _usual_scattering(best.particles) + p[-6:-3]
     cosine = (USUAL_EXPONENT + p[2]) * light.by_exponent
     ground, water = light.logs
