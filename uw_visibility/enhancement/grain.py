@@ -37,7 +37,7 @@ def find_grain(image: NDArray[Any], noise: Array, decode: NDArray[np.float32]) -
     cells = size[0] // CELL, size[1] // CELL
     # Cells are whole, so that bands of an image have those of the image.
     codes = cv2.copyMakeBorder(
-        image.astype(np.float32), 0, below, 0, beside, cv2.BORDER_REPLICATE)
+        image, 0, below, 0, beside, cv2.BORDER_REPLICATE).astype(np.float32)
     mean = cv2.resize(codes, cells, interpolation=cv2.INTER_AREA)
     off = cv2.subtract(codes, cv2.resize(mean, size, interpolation=cv2.INTER_LINEAR), dst=codes)
     variance = cv2.resize(cv2.multiply(off, off), cells, interpolation=cv2.INTER_AREA)

@@ -138,15 +138,15 @@ class Restorer:
         attenuation: NDArray[np.float32],
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """exp(βd) of each channel, (C, h, w), limited, and what is known of the range, (h, w)."""
-        ranged = (range_map >= 0) & (range_map < np.inf)
-        trust = np.where(ranged, np.float32(1) if known is None else known, np.float32(0))
-        distance = np.where(ranged, range_map, np.float32(0))
-        # Overflow gives infinity, which is clipped below.
-        with np.errstate(over="ignore"):
-            thickness = attenuation[:, np.newaxis] * distance.ravel()
-        # OpenCV's minimum and exponential are four times as fast as NumPy's.
-        thickness = cv2.min(thickness, math.log(_BEYOND * self._max_gain))
-        return np.asarray(cv2.exp(thickness).reshape(-1, *range_map.shape), np.float32), trust
+        thickness = np.empty((len(attenuation), *range_map.shape), np.float32)
+        trust = np.empty(range_map.shape, np.float32)
+        _thickness(
+            range_map, trust if known is None else known, known is None, attenuation,
+            np.float32(math.log(_BEYOND * self._max_gain)), thickness, trust)
+        # OpenCV's exponential is four times as fast as NumPy's.
+        for plane in thickness:
+            cv2.exp(plane, dst=plane)
+        return thickness, trust
 
     def _prepare(
         self, water: RestorationWater, count: int, noise: Array, decode: NDArray[np.float32]
@@ -184,6 +184,28 @@ def irradiance_noise(noise: Array, decode: NDArray[np.float32], veil: NDArray[np
 
 
 @njit(nogil=True, error_model="numpy")
+def _thickness(
+    range_map: Any, known: Any, all_known: bool, attenuation: Any, most: Any, thickness: Any,
+    trust: Any,
+) -> None:
+    """Write the optical thickness of each channel, at most `most`, and what is known of the range.
+
+    `known` is not read if `all_known`.
+    """
+    for y in range(range_map.shape[0]):
+        for x in range(range_map.shape[1]):
+            d = range_map[y, x]
+            ranged = (d >= 0) & (d < np.inf)
+            share = np.float32(1) if all_known else known[y, x]
+            trust[y, x] = share if ranged else np.float32(0)
+        for c in range(attenuation.size):
+            for x in range(range_map.shape[1]):
+                d = range_map[y, x]
+                product = attenuation[c] * (d if (d >= 0) & (d < np.inf) else np.float32(0))
+                thickness[c, y, x] = product if product < most else most
+
+
+@njit(nogil=True, error_model="numpy")
 def _restore(
     image: Any, gain: Any, trust: Any, decode: Any, encode: Any, veil: Any,
     light: Any, exposure: Any, noise: Any, veil_error: Any, grain: Any, enhanced: Any, limited: Any,
@@ -205,10 +227,12 @@ def _restore(
     left_out = np.empty((count, width), np.float32)
     restored = np.empty((count, width), np.float32)
     part = np.empty((count, width), np.float32)
+    code = np.empty((count, width), np.int32)
     total = np.empty(width, np.float32)
     mean = np.empty(width, np.float32)
     best = np.empty(width, np.float32)
-    top = np.float32(encode.size - 1)
+    last = encode.size - 1
+    top = np.float32(last)
     half = np.float32(0.5)
     one = np.float32(1)
     zero = np.float32(0)
@@ -251,7 +275,7 @@ def _restore(
                         k * (restored[c, x] - plane[x]) + (best[x] - k) * (mean[x] - plane[x]))
                     plane[x] += left_out[c, x] * inverse
             for x in range(width):
-                plane[x] = plane[x] * top + half
+                code[c, x] = index_of(plane[x] * top + half, 0, last)
         for x in range(width):
             for c in range(count):
-                enhanced[y, x, c] = encode[np.uint32(index_of(seen[c, x], zero, top))]
+                enhanced[y, x, c] = encode[np.uint32(code[c, x])]
