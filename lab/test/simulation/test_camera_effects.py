@@ -18,9 +18,9 @@ LIGHT = RANDOM.uniform(0.1, 0.6, (40, 60, 3)).astype(np.float32)
 SMOOTH = np.linspace(0.1, 0.6, 40 * 60 * 3).reshape(3, 40, 60).transpose(1, 2, 0).astype(np.float32)
 
 
-def record(effects: CameraEffects, light=LIGHT, sensor=NOISELESS, right=False) -> np.ndarray:
+def record(effects: CameraEffects, light=LIGHT, sensor=NOISELESS) -> np.ndarray:
     random = np.random.default_rng(0)
-    return effects.record(light, sensor, random, effects.gains(light), right=right)
+    return effects.record(light, sensor, random, effects.gains(light))
 
 
 def codes(light: np.ndarray) -> np.ndarray:
@@ -63,12 +63,6 @@ def test_vignetting_falls_with_the_square_of_the_radius() -> None:
     assert (found[10, 15] == codes(0.5 * 0.9)).all()
 
 
-def test_exposure_differs_in_the_right_image_only() -> None:
-    effects = CameraEffects(exposure_difference=0.25)
-    np.testing.assert_array_equal(record(effects), codes(LIGHT))
-    np.testing.assert_allclose(record(effects, right=True), codes(1.25 * LIGHT), atol=1)
-
-
 def test_the_mosaic_keeps_one_colour_of_each_pixel() -> None:
     found = record(CameraEffects(bayer=True))
     for row, column, channel in ((0, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 2)):
@@ -102,7 +96,7 @@ def test_gaussian_noise_is_as_wide_as_told_at_any_light() -> None:
 
 @pytest.mark.parametrize("changed", [
     {"transfer": "rec709"}, {"white_balance": (0.0, 1.0, 1.0)}, {"vignetting": 1.0},
-    {"exposure_difference": -1.0}, {"jpeg": 101},
+    {"jpeg": 101},
 ])
 def test_what_no_camera_does_is_refused(changed: dict) -> None:
     with pytest.raises(InputError):

@@ -42,11 +42,11 @@ def image(effects: WaterEffects, radiance=RADIANCE, ranges=RANGES, alpha=0.2) ->
     return form_image(view_of(radiance, ranges), Water(alpha, 3.0, 1.0, effects))
 
 
-def closed_form(water: Water, added=0.0, lit=1.0, seen=1.0) -> np.ndarray:
+def closed_form(water: Water, added=0.0, seen=1.0) -> np.ndarray:
     """E = W ρ e^(−T) + B (1 − e^(−T)), with T = βd and what is added."""
     path = water.attenuation() * RANGES[..., np.newaxis] + np.asarray(added)
     transmission = np.exp(-path)
-    return (water.scene_light() * lit * RADIANCE * transmission
+    return (water.scene_light() * RADIANCE * transmission
             + water.ambient_light() * seen * (1.0 - transmission))
 
 
@@ -59,13 +59,6 @@ def test_veil_apart_from_light(veil: tuple[float, float, float]) -> None:
     open_water = image(water.effects, ranges=np.full(SHAPE, np.inf, np.float32))
     np.testing.assert_allclose(
         open_water, np.broadcast_to(water.ambient_light(), open_water.shape), rtol=1e-6)
-
-
-def test_attenuation_by_channel() -> None:
-    plain = Water(0.2, 3.0, 1.0)
-    water = Water(0.2, 3.0, 1.0, WaterEffects(channel_attenuation=(0.0, 0.1, 0.3)))
-    np.testing.assert_allclose(water.attenuation() - plain.attenuation(), [0.0, 0.1, 0.3])
-    np.testing.assert_allclose(image(water.effects), closed_form(water), rtol=1e-5)
 
 
 def test_a_layer_attenuates_what_is_seen_through_it() -> None:
@@ -96,13 +89,9 @@ def test_a_plume_is_in_its_part_of_the_view() -> None:
     np.testing.assert_allclose(image(effects), expected, rtol=1e-5)
 
 
-def test_light_by_direction() -> None:
+def test_the_veil_is_brighter_above() -> None:
     water = Water(0.2, 3.0, 1.0)
-    across = ((np.arange(32) + 0.5) / 32 - 0.5)[np.newaxis, :, np.newaxis]
     down = ((np.arange(24) + 0.5) / 24 - 0.5)[:, np.newaxis, np.newaxis]
-    np.testing.assert_allclose(
-        image(WaterEffects(light_gradient=0.6)), closed_form(water, lit=1 + 0.6 * across),
-        rtol=1e-5)
     np.testing.assert_allclose(
         image(WaterEffects(veil_gradient=0.6)), closed_form(water, seen=1 - 0.6 * down),
         rtol=1e-5)
@@ -141,10 +130,8 @@ def test_the_effective_attenuation_is_the_best_exponential() -> None:
 
 
 @pytest.mark.parametrize("changed", [
-    {"veil": (0.0, 1.0, 1.0)}, {"channel_attenuation": (-0.1, 0.0, 0.0)}, {"blur": -1.0},
-    {"water_type": "9C"}, {"cdom": 0.1}, {"particle_slope": 1.0}, {"plume_share": 1.5},
+    {"veil": (0.0, 1.0, 1.0)}, {"blur": -1.0}, {"water_type": "9C"}, {"plume_share": 1.5},
     {"veil_gradient": 3.0}, {"layer": math.nan}, {"layer_height": math.inf},
-    {"water_type": "II", "channel_attenuation": (0.1, 0.0, 0.0)},
 ])
 def test_what_no_water_does_is_refused(changed: dict) -> None:
     with pytest.raises(InputError):

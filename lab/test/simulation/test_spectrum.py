@@ -54,27 +54,6 @@ def test_grey_particles_add_their_attenuation_at_any_range() -> None:
     np.testing.assert_allclose(clear - turbid, 0.2 * distances[:, None] * np.ones(3), rtol=0.02)
 
 
-def test_dissolved_matter_takes_blue_and_small_particles_do() -> None:
-    plain = band_averages("clear", 3.0, 0.1).transmission(np.array([3.0]))[0]
-    yellow = band_averages("clear", 3.0, 0.1, cdom=0.3).transmission(np.array([3.0]))[0]
-    coloured = band_averages("clear", 3.0, 0.1, 2.0).transmission(np.array([3.0]))[0]
-    lost = np.log(plain / yellow)
-    assert lost[2] > 1.5 * lost[1] > 1.5 * lost[0] > 0.0
-    assert coloured[2] < plain[2]
-    assert coloured[0] > plain[0]
-
-
-def test_dissolved_matter_absorbs_with_the_decay_of_its_source() -> None:
-    """Bricaud, Morel and Prieur 1981: 0.014 1/nm on average."""
-    response, wavelength = load_response("nikon_d5100"), np.arange(380.0, 781.0, 5.0)
-    weight = response.at(wavelength) * np.interp(wavelength, *daylight_spectrum())[:, np.newaxis]
-    absorbed = 0.3 * np.exp(-0.014 * (wavelength - 440.0)) @ weight / weight.sum(axis=0)
-    plain, yellow = (
-        band_averages("clear", 0.0, cdom=cdom).transmission(np.array([0.05]))[0]
-        for cdom in (0.0, 0.3))
-    np.testing.assert_allclose(np.log(plain / yellow) / 0.05, absorbed, rtol=0.02)
-
-
 def test_light_fades_with_depth_and_clear_water_is_kappa_s() -> None:
     kappa = clear_water_attenuation(load_response("nikon_d5100"))
     surface, deep = (band_averages("clear", depth).light for depth in (0.0, 5.0))

@@ -120,7 +120,6 @@ OPTIONS: Options = {
     "--exposure GAIN": (
         None, "fixed exposure: irradiance of white at the surface (default: automatic)"),
     "--depth-stddev M": (0.05, "noise of the depth sensor"),
-    "--position LAT LON": (None, "record positions, too, /gps/fix: from here to the east"),
     "--threads N": (0, "threads; 0: one per processor"),
     "lamps": OF_LAMPS,
     "water": {
@@ -128,12 +127,6 @@ OPTIONS: Options = {
         "--water-type TYPE": (
             None, "integrate over wavelength: clear, or Jerlov's IB, II, III, 1C, 3C, 5C; grey "
             "particles of --attenuation are added (default: one β per channel)", str),
-        "--cdom A": (
-            0.0, "dissolved organic matter, absorption at 440 nm, 1/m; with --water-type"),
-        "--particle-slope G": (
-            0.0, "colour of particles: exponent of (550 nm/λ); with --water-type"),
-        "--channel-attenuation R G B": (
-            (0.0, 0.0, 0.0), "attenuation in addition to that of grey particles, 1/m"),
         "--blur PX/M": (
             0.0, "forward scattering: standard deviation of a point's image per m of range"),
         "--layer A H": (
@@ -144,8 +137,6 @@ OPTIONS: Options = {
             "(default: none)"),
         "--veil-gradient G": (
             0.0, "relative change of the veil from bottom to top of the image"),
-        "--light-gradient G": (
-            0.0, "relative change of the light on the scene from left to right"),
     },
     "disturbances": {
         "--marine-snow SHARE": (0.0, "share of the pixels that particles cover, 0 .. 0.5"),
@@ -157,7 +148,6 @@ OPTIONS: Options = {
         "--white-balance R G B": ((1.0, 1.0, 1.0), "gains"),
         "--automatic-white-balance": (False, "equalise the channels' means in each frame"),
         "--vignetting SHARE": (0.0, "share of light that is lost in the corners, 0 .. 1"),
-        "--exposure-difference X": (0.0, "relative difference of the right image's exposure"),
         "--bayer": (False, "a mosaic of colour filters (RGGB), interpolated"),
         "--jpeg QUALITY": (0, "JPEG compression, 1 .. 100 (default: none)"),
         "--range-scale X": (
@@ -167,8 +157,6 @@ OPTIONS: Options = {
         "--noiseless": (False, "quantisation only, no noise of the sensor"),
         "--noise-codes N": (
             None, "Gaussian noise of N codes of 255 instead of shot and read noise"),
-        "--full-well E": (15000.0, "electrons of a saturated pixel: shot noise"),
-        "--read-noise E": (20.0, "read noise, electrons"),
     },
 }
 
@@ -212,7 +200,6 @@ def run(arguments: argparse.Namespace) -> None:
         start=arguments.start,
         depth_stddev=arguments.depth_stddev,
         range_scale=arguments.range_scale,
-        position=None if arguments.position is None else tuple(arguments.position),
         overwrite=arguments.force,
         workers=Workers(arguments.threads),
         progress=lambda frames: progress_bar(frames, "simulate", transect.frames),
@@ -276,9 +263,8 @@ def _sensor(arguments: argparse.Namespace) -> Sensor:
 
     if arguments.noiseless:
         return NOISELESS
-    if arguments.noise_codes is not None:
-        return Sensor.gaussian(arguments.noise_codes)
-    return of_arguments(Sensor, arguments)
+    codes = arguments.noise_codes
+    return Sensor() if codes is None else Sensor.gaussian(codes)
 
 
 def _water_effects(arguments: argparse.Namespace) -> WaterEffects:

@@ -34,7 +34,6 @@ from uw_visibility.messages.estimates import (
 from uw_visibility.messages.images import MessageFactory, write_image
 from uw_visibility.optics.light_model import visibility_distance
 from uw_visibility.optics.visual_range import BEAM_OVER_SEEN
-from uw_visibility.replay.inputs.sensors import geographic
 from uw_visibility_lab.simulation.camera import StereoCamera
 from uw_visibility_lab.simulation.lamps import Lamp, lighting_parameters
 from uw_visibility_lab.simulation.new_bag import new_bag
@@ -70,9 +69,6 @@ LAMP_TOPICS = {
 LAMP_COLUMNS = "x y z, axis x y z, beam angle, power r g b"
 LIGHTING = "lighting.yaml"
 
-POSITION_TOPIC, POSITION_TYPE = "/gps/fix", "sensor_msgs/msg/NavSatFix"
-"""Position of the vehicle; only with a given start."""
-
 TRANSMISSOMETER_NOISE = 0.02
 """Standard deviation of the transmissometer, as a part of its value."""
 
@@ -94,7 +90,6 @@ def write_transect(
     start: int = START,
     depth_stddev: float = 0.05,
     range_scale: float = 1.0,
-    position: tuple[float, float] | None = None,
     overwrite: bool = False,
     workers: Workers | None = None,
     progress: Callable[[Iterator[TransectFrame]], Any] = iter,
@@ -104,16 +99,10 @@ def write_transect(
     start: time of the first frame, ns since 1970 (UTC).
     depth_stddev: standard deviation of the depth sensor in m.
     range_scale: ratio of the baseline in CameraInfo to the true one, for a wrong calibration.
-    position: latitude and longitude of the start, degrees; the vehicle moves east from there.
     """
     check_range(
         "noise of the depth sensor", depth_stddev, 0.0, MOST_DEPTH_NOISE, "m", above=True)
     check_range("range scale", range_scale, 0.0, 100.0, above=True)
-    if position is not None and not (abs(position[0]) <= 89.0 and abs(position[1]) <= 180.0):
-        raise InputError(
-            f"the position is {position[0]:g} {position[1]:g}: give latitude and longitude in "
-            "degrees, at most 89 and 180"
-        )
     duration = (transect.frames - 1) / transect.rate
     if start + round(duration * 1e9) >= END_OF_STAMPS:
         raise InputError(
@@ -124,8 +113,6 @@ def write_transect(
     optical = np.random.default_rng([transect.seed, 3])
     lighting = transect.lighting
     topics = TOPICS | (LAMP_TOPICS if lighting.lamps else {})
-    if position is not None:
-        topics = topics | {POSITION_TOPIC: POSITION_TYPE}
     with new_bag(Path(path), topics, overwrite=overwrite) as bag:
         if lighting.lamps:
             parameters = lighting_parameters(lighting.lamps, lighting.daylight)
@@ -152,9 +139,6 @@ def write_transect(
             beam = BEAM_OVER_SEEN * frame.attenuation[1] * (
                 1 + TRANSMISSOMETER_NOISE * optical.standard_normal())
             bag.write("/transmissometer", bag.make("std_msgs/msg/Float64", data=beam), stamp)
-            if position is not None:
-                fix = _fix_message(bag.make, header, position, transect.speed * time)
-                bag.write(POSITION_TOPIC, fix, stamp)
             truth = {
                 "attenuation": vector_message(bag.make, header, frame.attenuation),
                 "ambient_light": vector_message(bag.make, header, frame.ambient_light),
@@ -198,22 +182,6 @@ def camera_info_message(
         binning_x=0,
         binning_y=0,
         roi=region_message(make, (0, 0, 0, 0)),
-    )
-
-
-def _fix_message(
-    make: MessageFactory, header: Any, start: tuple[float, float], east: float
-) -> Any:
-    longitude, latitude = geographic(east, 0.0, start)
-    return make(
-        POSITION_TYPE,
-        header=header,
-        status=make("sensor_msgs/msg/NavSatStatus", status=0, service=1),
-        latitude=latitude,
-        longitude=longitude,
-        altitude=0.0,
-        position_covariance=np.zeros(9),
-        position_covariance_type=0,
     )
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Simulated stereo camera: geometry, pose, sensor noise, and other effects of the camera.
 
-These are vignetting, exposure difference, colour filters, white balance, transfer and codec.
+These are vignetting, colour filters, white balance, transfer and codec.
 """
 
 from __future__ import annotations
@@ -119,8 +119,6 @@ class CameraEffects:
     automatic_white_balance: bool = False
     # share of the light that is lost in the corners; the loss grows with the square of the radius
     vignetting: float = 0.0
-    # relative difference of the right image's exposure from the left one's
-    exposure_difference: float = 0.0
     # whether each pixel senses one colour (RGGB) and the others are interpolated
     bayer: bool = False
     jpeg: int = 0  # quality of JPEG compression, 1 .. 100; 0: no compression
@@ -130,7 +128,6 @@ class CameraEffects:
             raise InputError(f"transfer is {self.transfer!r}: give linear or srgb")
         check_range("gains of white balance", self.white_balance, 0.0, 10.0, above=True)
         check_range("vignetting", self.vignetting, 0.0, 0.999)
-        check_range("exposure difference", self.exposure_difference, -0.9, 9.0)
         check_range("JPEG quality", self.jpeg, 0, 100)
 
     def gains(self, irradiance: Map) -> Array:
@@ -143,8 +140,7 @@ class CameraEffects:
         return np.asarray(fixed * np.minimum(automatic, LARGEST_GAIN))
 
     def record(
-        self, irradiance: Map, sensor: Sensor, random: np.random.Generator, gains: Array,
-        *, right: bool = False,
+        self, irradiance: Map, sensor: Sensor, random: np.random.Generator, gains: Array
     ) -> Image8:
         """Convert irradiance (1: saturation) to pixels, with all effects in the camera's order.
 
@@ -152,8 +148,6 @@ class CameraEffects:
         """
         if self.vignetting > 0.0:
             irradiance = irradiance * lens_falloff(irradiance.shape[:2], self.vignetting)
-        if right and self.exposure_difference != 0.0:
-            irradiance = irradiance * np.float32(1.0 + self.exposure_difference)
         codes = sensor.read(irradiance, random)
         if self.bayer:
             codes = interpolate_mosaic(codes)

@@ -33,10 +33,9 @@ def form_image(view: View, water: Water) -> Map:
             view.radiance, view.ranges, water.attenuation(), water.ambient_light()))
     transmission, unveiled = path_transmission(view, water)
     rows, columns = view.shape
-    lit = 1.0 + effects.light_gradient * ((view.pixel % columns + 0.5) / columns - 0.5)
     seen = 1.0 + effects.veil_gradient * (0.5 - (view.pixel // columns + 0.5) / rows)
     direct, veil = (view.image(part.astype(np.float32)) for part in (
-        water.scene_light() * lit[:, np.newaxis] * view.radiance * transmission,
+        water.scene_light() * view.radiance * transmission,
         water.ambient_light() * seen[:, np.newaxis] * (1.0 - unveiled)))
     if effects.blur > 0.0:
         direct = blur_by_range(direct, view.range, effects.blur)

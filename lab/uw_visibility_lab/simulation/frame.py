@@ -105,9 +105,7 @@ class Renderer:
         gains = self.camera_effects.gains(light[0])
         images = [
             self.camera_effects.record(
-                irradiance, self.sensor, np.random.default_rng([seed, side]), gains,
-                right=side == 1,
-            )
+                irradiance, self.sensor, np.random.default_rng([seed, side]), gains)
             for side, irradiance in enumerate(light)
         ]
         disparities = [
@@ -197,8 +195,7 @@ class Renderer:
 
 def mean_attenuation(attenuation: Array, water: Water) -> float:
     """Return α (eq. 9) of an effective attenuation; for the paper's water the given α."""
-    grey = water.effects.water_type is None and not any(water.effects.channel_attenuation)
-    if grey and np.array_equal(attenuation, water.attenuation()):
+    if water.effects.water_type is None and np.array_equal(attenuation, water.attenuation()):
         return water.mean_attenuation
     return float(np.mean(attenuation - CLEAR_WATER))
 

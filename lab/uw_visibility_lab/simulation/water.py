@@ -49,11 +49,6 @@ DEEPEST = 11_000.0
 CLEAR = "clear"
 """Name of clear sea water among the water types."""
 
-CDOM_SLOPE = 0.014
-"""Decay of a_y(λ) in 1/nm (Bricaud, Morel and Prieur 1981, doi 10.4319/lo.1981.26.1.0043)."""
-CDOM_WAVELENGTH = 440.0
-PARTICLE_WAVELENGTH = 550.0
-
 _PATHS = np.concatenate([[0.0], np.geomspace(0.02, 400.0, 400)])
 
 
@@ -86,25 +81,16 @@ class BandAverages:
 
 
 @lru_cache(maxsize=16)
-def band_averages(
-    water_type: str,
-    depth: float,
-    particles: float = 0.0,
-    particle_slope: float = 0.0,
-    cdom: float = 0.0,
-) -> BandAverages:
+def band_averages(water_type: str, depth: float, particles: float = 0.0) -> BandAverages:
     """Integrate a water's spectrum with the camera's response.
 
     water_type: ``clear`` (Smith and Baker 1981) or a Jerlov type (Williamson and Hollins 2022).
-    particles, cdom: added scattering by particles at 550 nm, absorption at 440 nm, 1/m.
-    particle_slope: exponent γ of the particles' spectrum (550 nm / λ)^γ; 0 = grey.
+    particles: added scattering by grey particles, 1/m.
     """
     absorption, scattering, backscattering = _spectrum(water_type)
-    absorption = absorption + cdom * np.exp(-CDOM_SLOPE * (WAVELENGTHS - CDOM_WAVELENGTH))
-    grains = particles * (PARTICLE_WAVELENGTH / WAVELENGTHS) ** particle_slope
-    scattering = scattering + grains
+    scattering = scattering + particles
     beam = absorption + scattering
-    diffuse = absorption + backscattering + BACKSCATTERED * grains
+    diffuse = absorption + backscattering + BACKSCATTERED * particles
     surface = daylight_response(load_response(RESPONSE))
     weights = surface * np.exp(-diffuse * depth)[:, np.newaxis]
     light = weights.sum(axis=0) / surface.sum(axis=0)
@@ -135,14 +121,9 @@ class WaterEffects:
 
     # ratio B/W of the veil at infinity to the light on the scene, RGB
     veil: Triple = (1.0, 1.0, 1.0)
-    # attenuation in addition to that of clear water and grey particles, RGB, 1/m
-    channel_attenuation: Triple = (0.0, 0.0, 0.0)
     # ``clear``, or a Jerlov type from IB to 5C: integrates over wavelength, see `band_averages`.
     # None: one coefficient per channel
     water_type: str | None = None
-    # exponent of the particles' spectrum, (550 nm / λ)^γ; with a water type
-    particle_slope: float = 0.0
-    cdom: float = 0.0  # absorption by dissolved organic matter at 440 nm in 1/m; with a water type
     # forward scattering: standard deviation of a point's image in px per m of range
     blur: float = 0.0
     layer: float = 0.0  # attenuation that grey particles add below ``layer_height`` in 1/m
@@ -151,31 +132,19 @@ class WaterEffects:
     plume_share: float = 0.5  # width of that part, at the right, as a share of the image's, 0 .. 1
     # relative change of the veil from the bottom of the image to its top
     veil_gradient: float = 0.0
-    light_gradient: float = 0.0  # relative change of the light on the scene from left to right
 
     def __post_init__(self) -> None:
         for name, largest, unit in (
-            ("particle_slope", 4.0, ""), ("cdom", 10.0, "1/m"), ("blur", 20.0, "px/m"),
-            ("layer", 10.0, "1/m"), ("plume", 10.0, "1/m"), ("plume_share", 1.0, ""),
+            ("blur", 20.0, "px/m"), ("layer", 10.0, "1/m"), ("plume", 10.0, "1/m"),
+            ("plume_share", 1.0, ""),
         ):
             check_range(name.replace("_", " "), getattr(self, name), 0.0, largest, unit)
-        for name in ("veil_gradient", "light_gradient"):
-            check_range(name.replace("_", " "), getattr(self, name), -1.9, 1.9)
+        check_range("veil gradient", self.veil_gradient, -1.9, 1.9)
         check_range("layer height", self.layer_height, -1e6, 1e6, "m")
         check_range("ratios of the veil", self.veil, 0.0, 10.0, above=True)
-        check_range("channel attenuations", self.channel_attenuation, 0.0, 10.0, "1/m")
         if self.water_type is not None and self.water_type not in spectral_types():
             raise InputError(
                 f"no water type {self.water_type!r}: give one of {', '.join(spectral_types())}"
-            )
-        if self.water_type is None and (self.cdom > 0.0 or self.particle_slope != 0.0):
-            raise InputError(
-                "dissolved matter and coloured particles have a spectrum: give a water type, too, "
-                "clear or a Jerlov type"
-            )
-        if self.water_type is not None and any(self.channel_attenuation):
-            raise InputError(
-                "a water type has a spectrum: leave out the attenuation by channel, or the type"
             )
 
 
@@ -201,7 +170,7 @@ class Water:
         bands = self.bands()
         if bands is not None:
             return np.asarray(-bands.log_transmission[1] / _PATHS[1])
-        return np.asarray(CLEAR_WATER + self.mean_attenuation + self.effects.channel_attenuation)
+        return np.asarray(CLEAR_WATER + self.mean_attenuation)
 
     def scene_light(self) -> Array:
         """Return W, the light on the scene at the camera's depth, as irradiance in the image."""
@@ -222,7 +191,4 @@ class Water:
         effects = self.effects
         if effects.water_type is None:
             return None
-        return band_averages(
-            effects.water_type, self.depth, self.mean_attenuation, effects.particle_slope,
-            effects.cdom,
-        )
+        return band_averages(effects.water_type, self.depth, self.mean_attenuation)

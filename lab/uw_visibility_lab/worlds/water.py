@@ -20,7 +20,6 @@ from uw_visibility.optics.water_type import (
     daylight_response,
     inherent_properties,
 )
-from uw_visibility_lab.simulation.water import CDOM_WAVELENGTH, PARTICLE_WAVELENGTH
 from uw_visibility_lab.worlds.beliefs import draw, happens
 
 RESPONSES = ("nikon_d5100", "generic", "sigma_sdmerrill")
@@ -29,6 +28,9 @@ RESPONSES = ("nikon_d5100", "generic", "sigma_sdmerrill")
 PATHS = np.concatenate([[0.0], np.geomspace(0.05, 200.0, 48)])
 """Ranges at which band averages are tabulated, m; in between, their logarithms are nearly
 linear."""
+
+# Wavelengths at which absorption by dissolved matter and scattering by particles are given, nm.
+CDOM_WAVELENGTH, PARTICLE_WAVELENGTH = 440.0, 550.0
 
 
 @dataclass(frozen=True)
