@@ -20,12 +20,14 @@ from uw_visibility_lab.simulation.phase_functions import (
     PHASE_FUNCTIONS,
     fournier_forand,
     henyey_greenstein,
+    phase_table,
 )
 
 CAMERA = StereoCamera(32, 24, 30.0, 0.12)
 RAYS = CAMERA.rig.ray_directions((24, 32))
 BETA = np.array([0.35, 0.18, 0.12])
 ONE = Workers(1)
+PHASE = phase_table("henyey-greenstein")
 CURVES = {"henyey-greenstein": henyey_greenstein, "fournier-forand": fournier_forand}
 
 
@@ -64,7 +66,7 @@ def test_scattered_light_is_the_integral_along_the_ray(lamp: Lamp, name: str) ->
     ranges = np.full((24, 32), 3.0, np.float32)
     ranges[:, 16:] = 30.0
     b = np.array([0.2, 0.14, 0.1])
-    scattered = scatter(RAYS, ranges, (lamp,), BETA, b, name, ONE)
+    scattered = scatter(RAYS, ranges, (lamp,), BETA, b, phase_table(name), ONE)
     for row, column in ((0, 0), (12, 15), (12, 16), (23, 31), (4, 20)):
         ray, c = RAYS[row, column], 1
 
@@ -90,7 +92,7 @@ def test_open_water_is_the_limit_of_far_ranges_and_more_water_scatters_more() ->
     before = np.zeros((24, 32, 3), np.float32)
     for distance in (0.3, 1.0, 3.0, 10.0, 100.0, math.inf):
         ranges = np.full((24, 32), distance, np.float32)
-        scattered = scatter(RAYS, ranges, default_rig(2), BETA, BETA, "henyey-greenstein", ONE)
+        scattered = scatter(RAYS, ranges, default_rig(2), BETA, BETA, PHASE, ONE)
         # Never less than in front of what is nearer; never below 0.
         assert (scattered >= before * (1.0 - 1e-5)).all()
         last, before = before, scattered
@@ -101,7 +103,7 @@ def test_a_symmetric_rig_gives_a_symmetric_picture() -> None:
     lamps = (Lamp((-0.4, -0.2, 0.0), (0.2, 0.1, 1.0)), Lamp((0.4, -0.2, 0.0), (-0.2, 0.1, 1.0)))
     ranges = np.tile(np.linspace(1.0, 4.0, 24, dtype=np.float32)[:, None], 32)
     for image in (
-        scatter(RAYS, ranges, lamps, BETA, BETA, "fournier-forand", ONE),
+        scatter(RAYS, ranges, lamps, BETA, BETA, phase_table("fournier-forand"), ONE),
         direct_light(RAYS, ranges, None, lamps, BETA),
     ):
         np.testing.assert_allclose(image, image[:, ::-1], rtol=1e-4)
@@ -113,7 +115,7 @@ def test_the_right_camera_sees_lamps_from_its_own_place() -> None:
     ranges = np.full((24, 32), 2.0, np.float32)
     moved = Lamp((0.38, 0.0, 0.0))
     images = [
-        scatter(RAYS, ranges, seen_from((one,), offset), BETA, BETA, "henyey-greenstein", ONE)
+        scatter(RAYS, ranges, seen_from((one,), offset), BETA, BETA, PHASE, ONE)
         for one, offset in ((lamp, 0.12), (moved, 0.0))
     ]
     np.testing.assert_array_equal(*images)
@@ -123,8 +125,8 @@ def test_a_lamp_in_the_camera_scatters_without_bound() -> None:
     ranges = np.full((24, 32), 2.0, np.float32)
     lamps = (Lamp((0.0, 0.005, 0.0)),)
     with pytest.raises(InputError, match="of a camera"):
-        scatter(RAYS, ranges, lamps, BETA, BETA, "henyey-greenstein", ONE)
-    assert not scatter(RAYS, ranges, lamps, BETA, 0.0 * BETA, "henyey-greenstein", ONE).any()
+        scatter(RAYS, ranges, lamps, BETA, BETA, PHASE, ONE)
+    assert not scatter(RAYS, ranges, lamps, BETA, 0.0 * BETA, PHASE, ONE).any()
 
 
 @pytest.mark.parametrize("name", PHASE_FUNCTIONS)

@@ -40,8 +40,8 @@ def scene(level: float | None = None, *, horizon: bool = True) -> Scene:
 def as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave scenes uncropped, with their own reflectance."""
     def vary(rng: np.random.Generator, scene: Scene) -> tuple:
-        height, width = scene.range.shape
-        down = module.downward(height, width, scene.focal_length * width, scene.pitch, 0.0)
+        shape = scene.range.shape
+        down = module.downward(shape, scene.focal_length * shape[1], scene.pitch, 0.0)
         return scene.reflectance.copy(), scene.range.copy(), down
     monkeypatch.setattr(module, "vary", vary)
 

@@ -30,6 +30,7 @@ from uw_visibility_lab.simulation.camera import Pose, StereoCamera
 from uw_visibility_lab.simulation.frame import RenderedFrame, Renderer
 from uw_visibility_lab.simulation.lamp_light import direct_light, scatter
 from uw_visibility_lab.simulation.lamps import Lighting, default_rig, lighting_parameters
+from uw_visibility_lab.simulation.phase_functions import phase_table
 from uw_visibility_lab.simulation.scene import Scene, reef
 from uw_visibility_lab.simulation.water import Water
 
@@ -199,7 +200,7 @@ def _oracle(frame: RenderedFrame) -> Map:
     light = direct_light(rays, frame.range_left, None, frame.lamps, beta)
     veil = scatter(
         rays, frame.range_left, frame.lamps, beta, beta * LIGHTING.scattering_albedo,
-        LIGHTING.phase_function, Workers(1),
+        phase_table(LIGHTING.phase_function), Workers(1),
     )
     seen = to_linear(frame.left, "linear")
     return np.maximum((seen - veil) / np.maximum(light, np.float32(1e-6)), 0.0)

@@ -30,9 +30,10 @@ from uw_visibility.compute.threads import Workers
 from uw_visibility.config.lighting import beam_falloff
 from uw_visibility.errors import InputError
 from uw_visibility.images.arrays import Array, Map
+from uw_visibility.optics.lamps import beam as gaussian_beam
 from uw_visibility_lab.simulation.formation import blur_by_range
 from uw_visibility_lab.simulation.lamps import Lamp, Lighting
-from uw_visibility_lab.simulation.phase_functions import phase_table
+from uw_visibility_lab.simulation.phase_functions import ENTRIES, phase_table
 from uw_visibility_lab.simulation.view import View
 from uw_visibility_lab.simulation.water import EXPOSED, Water
 
@@ -43,14 +44,10 @@ NEAREST = 0.01
 _NEAREST_SURFACE = 0.02
 
 Beam = Callable[[Array, float], Array]
+"""Relative power by cosine of the angle from the axis, and `Lamp.beam_angle`."""
 
 NODES = 24
 """Quadrature nodes for beams of 60 degrees and more, exact to 1e-5; narrower ones need more."""
-
-
-def gaussian_beam(cosine: Array, angle: float) -> Array:
-    """Relative power by cosine of the angle from the axis; `angle`: `Lamp.beam_angle`."""
-    return np.asarray(np.exp(-beam_falloff(angle) * np.arccos(np.clip(cosine, -1.0, 1.0))**2))
 
 
 def seen_from(lamps: tuple[Lamp, ...], offset: float) -> tuple[Lamp, ...]:
@@ -67,7 +64,6 @@ def direct_light(
 
     rays: (..., 3), unit directions in the camera's frame. ranges: (...), m; inf = no surface.
     normals: in the camera's frame; without them every surface faces every lamp.
-    beam: function of the cosine of the angle from the axis and the beam angle: relative power.
     exponent: of the cosine of incidence (Minnaert 1941, doi:10.1086/144279).
     """
     known = np.isfinite(ranges)
@@ -87,11 +83,11 @@ def direct_light(
 
 def scatter(
     rays: Array, ranges: Map, lamps: Sequence[Lamp], beta: Array, scattering: Array,
-    phase_function: str, workers: Workers,
+    phase: Array, workers: Workers, beam: Beam = gaussian_beam,
 ) -> Map:
     """Backscatter: light of the lamps that the water scatters to the camera.
 
-    rays, ranges: as in `direct_light`. scattering: b in 1/m, RGB.
+    rays, ranges: as in `direct_light`. scattering: b in 1/m, RGB. phase: as `phase_table` has it.
     """
     scattered = np.zeros((*ranges.shape, 3), np.float32)
     if not scattering.any():
@@ -101,29 +97,37 @@ def scatter(
             f"a lamp lies within {NEAREST:g} m of a camera: move it, or set the scattering "
             "albedo to 0"
         )
-    rows = np.array([
-        [*lamp.position, *lamp.axis, beam_falloff(lamp.beam_angle), *lamp.power]
-        for lamp in lamps]).reshape(-1, 10)
+    rows = np.array([[*lamp.position, *lamp.axis, *lamp.power] for lamp in lamps]).reshape(-1, 9)
+    cosines = np.cos(np.linspace(0.0, math.pi, ENTRIES))
+    beams = np.array([beam(cosines, lamp.beam_angle) for lamp in lamps]).reshape(-1, ENTRIES)
     # Narrower beams light a shorter part of a ray, for which the nodes must be denser.
-    narrowest = rows[:, 6].max(initial=0.0)
+    narrowest = max((beam_falloff(lamp.beam_angle) for lamp in lamps), default=0.0)
     widening = math.sqrt(narrowest / beam_falloff(60.0))
     nodes, weights = np.polynomial.legendre.leggauss(math.ceil(NODES * max(1.0, widening)))
     workers.rows(
-        _scatter, ranges.size, rays.reshape(-1, 3), ranges.ravel(), rows, beta, scattering,
-        phase_table(phase_function), nodes, weights, scattered.reshape(-1, 3),
+        _scatter, ranges.size, rays.reshape(-1, 3), ranges.ravel(), rows, beams, beta, scattering,
+        phase, nodes, weights, scattered.reshape(-1, 3),
     )
     return scattered
 
 
 @njit(nogil=True, error_model="numpy")
+def _at_angle(table: Any, angle: float) -> float:
+    """Interpolate a table over 0 .. π rad."""
+    place = angle * ((len(table) - 1) / math.pi)
+    index = index_of(place, 0, len(table) - 2)
+    return table[index] + (place - index) * (table[index + 1] - table[index])
+
+
+@njit(nogil=True, error_model="numpy")
 def _scatter(
-    start: int, stop: int, rays: Any, ranges: Any, lamps: Any, beta: Any, scattering: Any,
-    phase: Any, nodes: Any, weights: Any, scattered: Any,
+    start: int, stop: int, rays: Any, ranges: Any, lamps: Any, beams: Any, beta: Any,
+    scattering: Any, phase: Any, nodes: Any, weights: Any, scattered: Any,
 ) -> None:
-    per_angle = (len(phase) - 1) / math.pi
     for sample in range(start, stop):
         ray, distance = rays[sample], float(ranges[sample])
-        for lamp in lamps:
+        for number in range(len(lamps)):
+            lamp, beam = lamps[number], beams[number]
             along = lamp[0] * ray[0] + lamp[1] * ray[1] + lamp[2] * ray[2]
             # Vector from the lamp to the nearest point of the ray.
             ax, ay, az = (
@@ -137,22 +141,16 @@ def _scatter(
             for k in range(len(nodes)):
                 t = middle + half * nodes[k]
                 sine, cosine = math.sin(t), math.cos(t)
-                place = (t + 0.5 * math.pi) * per_angle
-                index = index_of(place, 0, len(phase) - 2)
-                light = phase[index] + (place - index) * (phase[index + 1] - phase[index])
-                if lamp[6] > 0.0:
-                    angle = math.acos(
-                        min(max(across * cosine + onwards * sine, -1.0), 1.0))
-                    light *= math.exp(-lamp[6] * angle * angle)
-                light *= weights[k]
+                angle = math.acos(min(max(across * cosine + onwards * sine, -1.0), 1.0))
+                light = weights[k] * _at_angle(beam, angle) * _at_angle(phase, t + 0.5 * math.pi)
                 path = along + h * (sine + 1.0) / cosine
                 red += light * math.exp(-beta[0] * path)
                 green += light * math.exp(-beta[1] * path)
                 blue += light * math.exp(-beta[2] * path)
             scale = math.pi * half / h
-            scattered[sample, 0] += scale * lamp[7] * scattering[0] * red
-            scattered[sample, 1] += scale * lamp[8] * scattering[1] * green
-            scattered[sample, 2] += scale * lamp[9] * scattering[2] * blue
+            scattered[sample, 0] += scale * lamp[6] * scattering[0] * red
+            scattered[sample, 1] += scale * lamp[7] * scattering[1] * green
+            scattered[sample, 2] += scale * lamp[8] * scattering[2] * blue
 
 
 def check_water(water: Water) -> None:
@@ -175,7 +173,7 @@ def form_lamp_image(
         view.reflectance * direct_light(view.rays, view.ranges, facing, lamps, beta))
     veil = view.image(scatter(
         view.rays, view.ranges, lamps, beta, beta * lighting.scattering_albedo,
-        lighting.phase_function, workers))
+        phase_table(lighting.phase_function), workers))
     if water.effects.blur > 0.0:
         direct = blur_by_range(direct, view.range, water.effects.blur)
     return direct + veil

@@ -23,7 +23,7 @@ from uw_visibility_lab.worlds.beliefs import draw as drawn
 from uw_visibility_lab.worlds.camera import draw_curve, record, told_linear
 from uw_visibility_lab.worlds.lamps import light_by_lamps
 from uw_visibility_lab.worlds.ranging import measure_ranges
-from uw_visibility_lab.worlds.scenes import SIZE, Scene
+from uw_visibility_lab.worlds.scenes import SIZE, Scene, directions
 from uw_visibility_lab.worlds.water import PATHS, Water, draw_water
 
 EFFECTS: tuple[str, ...] = tuple(
@@ -221,7 +221,7 @@ def vary(rng: np.random.Generator, scene: Scene) -> tuple[Map, Map, Map]:
     focal = scene.focal_length
     if math.isnan(focal):
         focal = drawn(rng, "camera.focal_length")
-    down = downward(height, width, focal * width, pitch, scene.roll)
+    down = downward(scene.range.shape, focal * width, pitch, scene.roll)
     reflectance, ranges = scene.reflectance.astype(np.float32), scene.range.astype(np.float32)
     if happens(rng, "scene.crop_share"):
         share = drawn(rng, "scene.crop")
@@ -258,16 +258,9 @@ def vary(rng: np.random.Generator, scene: Scene) -> tuple[Map, Map, Map]:
     return np.minimum(reflectance, 1.0), np.array(ranges, np.float32), np.ascontiguousarray(down)
 
 
-def downward(height: int, width: int, focal_length: float, pitch: float, roll: float) -> Map:
-    """Vertical drop of each pixel's line of sight per metre of range, (H, W).
-
-    Lengths are in px; pitch is below the horizon, roll with the right side down, rad.
-    """
-    x = ((np.arange(width) - (width - 1) / 2) / focal_length).astype(np.float32)
-    y = ((np.arange(height) - (height - 1) / 2) / focal_length).astype(np.float32)[:, np.newaxis]
-    level = np.float32(math.cos(roll)) * y + np.float32(math.sin(roll)) * x
-    sine, cosine = np.float32(math.sin(pitch)), np.float32(math.cos(pitch))
-    return np.asarray((sine + cosine * level) / np.sqrt(1.0 + x * x + y * y), np.float32)
+def downward(shape: tuple[int, int], focal_length: float, pitch: float, roll: float) -> Map:
+    """Vertical drop of each pixel's line of sight per metre of range, (H, W); see `directions`."""
+    return (-directions(shape, focal_length, pitch, roll)[..., 2]).astype(np.float32)
 
 
 def _open(rng: np.random.Generator, ranges: Map) -> Map:

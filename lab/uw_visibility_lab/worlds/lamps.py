@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Random lamps of a vehicle at night, and their light on a view.
 
-Single scattering (Jaffe 1990, doi:10.1109/48.50695) without the package's tables, for an
-independent check of estimates by them.
+By `simulation.lamp_light`, without the package's tables, for an independent check of estimates by
+them.
 """
 
 from __future__ import annotations
@@ -13,22 +13,20 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import Array, Map
 from uw_visibility.optics.lamps import vector
-from uw_visibility.stereo.rig import StereoRig
-from uw_visibility_lab.simulation.lamp_light import Beam, direct_light, gaussian_beam
+from uw_visibility_lab.simulation.camera import StereoCamera
+from uw_visibility_lab.simulation.lamp_light import Beam, direct_light, gaussian_beam, scatter
 from uw_visibility_lab.simulation.lamps import Lamp
 from uw_visibility_lab.simulation.phase_functions import (
+    ENTRIES,
     PHASE_FUNCTIONS,
     henyey_greenstein,
     phase_table,
 )
 from uw_visibility_lab.worlds.beliefs import count, draw
-
-TWO_TERMS = "two terms"
-"""Phase function of two terms of Henyey and Greenstein (Haltrin 2002, doi:10.1364/AO.41.001022)."""
 
 # Forward and backward asymmetry of the two terms, and the weight of the second: 2.3 % is scattered
 # back, which is more than Petzold's 1.8 %.
@@ -39,15 +37,14 @@ _RIM, _RIM_AT, _RIM_WIDTH, _EDGE = 0.25, 0.75, 0.15, 10
 _WIDEST = math.radians(80.0)
 # Scattered light is smooth: it is calculated at every `_STEP`-th row and column.
 _STEP = 4
-_NODES = 32
 
 
 class Rig(NamedTuple):
-    """Lamps, the water's scattering b (1/m, RGB) and phase function, and the beams' shape."""
+    """Lamps, the water's scattering b (1/m, RGB) and table of phases, and the beams' shape."""
 
     lamps: tuple[Lamp, ...]
     scattering: Array
-    phase: str
+    phase: Array
     beam: Beam = gaussian_beam
 
 
@@ -76,7 +73,7 @@ def light_by_lamps(
     lamps = draw_lamps(rng)
     rays = rays_of(ranges.shape, draw(rng, "camera.focal_length"))
     scattering = attenuation * np.array([draw(rng, "lamps.albedo") for _ in range(3)])
-    rig = Rig(lamps, scattering, PHASE_FUNCTIONS[count(rng, "lamps.phase")])
+    rig = Rig(lamps, scattering, phase_table(PHASE_FUNCTIONS[count(rng, "lamps.phase")]))
     return (
         reflectance * direct_light(rays, ranges, None, rig.lamps, attenuation),
         scattered_light(rays, ranges, rig, attenuation))
@@ -85,39 +82,17 @@ def light_by_lamps(
 def rays_of(shape: tuple[int, ...], focal_length: float) -> Array:
     """Unit directions of an image's pixels, (H, W, 3); focal length in widths of the image."""
     height, width = shape[:2]
-    # The baseline does not matter for the rays.
-    rig = StereoRig(focal_length * width, 1.0, (0.5 * (width - 1), 0.5 * (height - 1)))
-    return rig.ray_directions((height, width))
+    return StereoCamera(width, height, focal_length * width).rig.ray_directions(shape)
 
 
 def scattered_light(rays: Array, ranges: Map, rig: Rig, attenuation: Array) -> Map:
     """Light that the water scatters towards the camera, (H, W, 3) float32."""
     some = np.s_[_STEP // 2::_STEP, _STEP // 2::_STEP]
-    few, distance = rays[some], ranges[some].astype(np.float64)
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    angles = np.linspace(0.0, math.pi, 2048)
-    phase = phase_function(rig.phase, angles)
-    out = np.zeros((*distance.shape, 3))
-    for lamp in rig.lamps:
-        place = np.array(lamp.position)
-        along = few @ place
-        # The substitution s − along = h tan t turns ds / r² into dt / h (Kulla and Fajardo 2012).
-        h = np.sqrt(np.maximum(place @ place - along**2, 1e-8))
-        first, last = np.arctan2(-along, h), np.arctan((distance - along) / h)
-        half, middle = 0.5 * (last - first), 0.5 * (last + first)
-        for node, weight in zip(nodes, weights, strict=True):
-            t = middle + half * node
-            s, r = along + h * np.tan(t), h / np.cos(t)
-            away = few * s[..., np.newaxis] - place
-            light = rig.beam(away @ lamp.axis / r, lamp.beam_angle)
-            light *= np.interp(0.5 * math.pi + t, angles, phase)
-            light *= weight * half / h
-            out += light[..., np.newaxis] * np.array(lamp.power) * np.exp(
-                -attenuation * (r + s)[..., np.newaxis])
+    out = scatter(
+        rays[some], ranges[some], rig.lamps, attenuation, rig.scattering, rig.phase, Workers(1),
+        rig.beam)
     height, width = ranges.shape
-    return np.asarray(cv2.resize(
-        math.pi * rig.scattering * out, (width, height), interpolation=cv2.INTER_LINEAR),
-        np.float32)
+    return np.asarray(cv2.resize(out, (width, height), interpolation=cv2.INTER_LINEAR))
 
 
 def cosine_beam(cosine: Array, angle: float) -> Array:
@@ -133,13 +108,14 @@ def rimmed_beam(cosine: Array, angle: float) -> Array:
     return np.asarray(bright / (1.0 + at**_EDGE))
 
 
-def phase_function(name: str, angle: Array) -> NDArray[np.float64]:
-    """Phase function, 1/sr, at scattering angles in rad."""
-    if name == TWO_TERMS:
-        forward, backward = (henyey_greenstein(angle, g) for g in (_FORWARD, _BACKWARD))
-        return np.asarray((1.0 - _SECOND) * forward + _SECOND * backward)
-    table = phase_table(name)
-    return np.interp(angle, np.linspace(0.0, math.pi, len(table)), table)
+def two_terms() -> Array:
+    """Phases of two terms of Henyey and Greenstein (Haltrin 2002, doi:10.1364/AO.41.001022).
+
+    Over 0 .. π rad, see `phase_table`.
+    """
+    angles = np.linspace(0.0, math.pi, ENTRIES)
+    forward, backward = (henyey_greenstein(angles, g) for g in (_FORWARD, _BACKWARD))
+    return np.asarray((1.0 - _SECOND) * forward + _SECOND * backward)
 
 
 def normals_of(rays: Array, ranges: Map) -> Array:

@@ -16,7 +16,11 @@ from uw_visibility.images.arrays import Array, Map
 from uw_visibility.optics.lamps import vector
 from uw_visibility_lab.simulation.lamp_light import direct_light, gaussian_beam
 from uw_visibility_lab.simulation.lamps import Lamp, lighting_parameters, misplaced
-from uw_visibility_lab.simulation.phase_functions import FOURNIER_FORAND, HENYEY_GREENSTEIN
+from uw_visibility_lab.simulation.phase_functions import (
+    FOURNIER_FORAND,
+    HENYEY_GREENSTEIN,
+    phase_table,
+)
 from uw_visibility_lab.worlds import lamps as by_lamps
 from uw_visibility_lab.worlds.beliefs import draw, happens
 from uw_visibility_lab.worlds.camera import LINEAR, record
@@ -130,9 +134,9 @@ def _draw_rig(
     # Clear water hardly scatters.
     scattering = particles * np.array([draw(rng, "lamps.albedo") for _ in range(3)])
     beams = {"cosine beam": by_lamps.cosine_beam, "rimmed beam": by_lamps.rimmed_beam}
-    phases = {"fournier-forand": FOURNIER_FORAND, "two terms": by_lamps.TWO_TERMS}
     beam = next((beams[name] for name in names if name in beams), gaussian_beam)
-    phase = next((phases[name] for name in names if name in phases), HENYEY_GREENSTEIN)
+    phase = by_lamps.two_terms() if "two terms" in names else phase_table(
+        FOURNIER_FORAND if FOURNIER_FORAND in names else HENYEY_GREENSTEIN)
     return by_lamps.Rig(lamps, scattering, phase, beam)
 
 

@@ -20,6 +20,7 @@ from uw_visibility.optics.transfer import to_linear
 from uw_visibility_lab.evaluation import degrade
 from uw_visibility_lab.evaluation.degrade import fill_from_background
 from uw_visibility_lab.evaluation.parallel import run_all
+from uw_visibility_lab.simulation.camera import Pose, StereoCamera
 from uw_visibility_lab.simulation.noise import noise_lattice
 from uw_visibility_lab.simulation.raycast import relief_height
 from uw_visibility_lab.simulation.shapes import (
@@ -223,7 +224,7 @@ class _Builder:
         pitch = math.radians(draw(rng, f"procedural.pitch_{'survey' if survey else 'ahead'}"))
         roll = math.radians(draw(rng, "procedural.roll"))
         focal = draw(rng, "procedural.focal_length")
-        self.directions = _directions(height, width, focal * width, pitch, roll)
+        self.directions = directions(self.size, focal * width, pitch, roll)
         self.ground()
         for name, add in (
             ("boulders", self.boulders), ("corals", self.corals), ("pipes", self.pipes),
@@ -448,18 +449,16 @@ def _add_rubble(
         tint[place] = np.where(higher, bright, tint[place])
 
 
-def _directions(
-    height: int, width: int, focal_length: float, pitch: float, roll: float
+def directions(
+    shape: tuple[int, int], focal_length: float, pitch: float, roll: float
 ) -> NDArray[np.float64]:
-    """Unit vectors (H, W, 3) along the lines of sight, x right, y ahead, z up."""
-    u = np.broadcast_to((np.arange(width) - (width - 1) / 2) / focal_length, (height, width))
-    v = ((np.arange(height) - (height - 1) / 2) / focal_length)[:, np.newaxis]
-    right = math.cos(roll) * u - math.sin(roll) * v
-    below = math.sin(roll) * u + math.cos(roll) * v
-    ahead = math.cos(pitch) - math.sin(pitch) * below
-    up = -math.sin(pitch) - math.cos(pitch) * below
-    direction = np.stack([right, ahead, up], axis=-1)
-    return np.asarray(direction / np.linalg.norm(direction, axis=-1, keepdims=True))
+    """Unit vectors (H, W, 3) along the lines of sight, x right, y ahead, z up.
+
+    The focal length is in px; pitch is below the horizon, roll with the right side down, rad.
+    """
+    pose = Pose((0.0, 0.0, 0.0), heading=math.pi / 2, tilt=pitch, roll=roll)
+    rays = StereoCamera(shape[1], shape[0], focal_length).rig.ray_directions(shape)
+    return np.asarray(rays @ pose.rotation().T)
 
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
