@@ -51,6 +51,17 @@ def test_disparities_are_not_drawn_to_whole_pixels(contrast_of):
     assert ours < 0.05 < 0.1 < peer
 
 
+def test_disparities_of_the_right_view_s_first_columns_are_not_too_small(contrast_of):
+    frame = ReefView(StereoCamera(320, 240, 400.0, 0.12), water=Water(0.0, 3.0)).frame()
+    truth = frame.disparity_left
+    error = match((frame.left, frame.right), contrast_of, (0, 63)).disparity - truth
+    column = np.arange(320) - truth
+    for first in range(4):
+        near = error[np.abs(column - first) < 0.5]
+        assert np.isfinite(near).mean() > 0.7
+        assert abs(np.nanmean(near)) < 0.2
+
+
 def test_both_sides_of_a_depth_step_are_found(texture, contrast_of):
     pair, truth = step_pair(texture)
     disparity = match(pair, contrast_of).disparity

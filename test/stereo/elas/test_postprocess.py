@@ -34,6 +34,19 @@ def test_views_that_disagree_leave_nothing():
     assert (disparity[:, 16:] == 5).all()
 
 
+def test_the_right_view_tells_disparities_that_lead_into_its_border():
+    columns = np.arange(30)
+    left = np.tile(np.minimum(9, columns - 2), (4, 1)).astype(np.int16)
+    left[:, :2] = -1
+    right = np.full((4, 30), 9, np.int16)
+    disparity = checked(left, right, tolerance=2)
+    # At columns 9 and 10, the pixels of the right view are those of its border, 0 and 1.
+    np.testing.assert_array_equal(disparity[:, 9:], 9)
+    assert np.isnan(disparity[:, :9]).all()
+    right[:, 2] = 7
+    np.testing.assert_array_equal(checked(left, right, tolerance=2)[:, 9:11], [[7, 8]] * 4)
+
+
 def test_small_segments_go_and_large_ones_stay():
     disparity = np.full((40, 50), 10, np.float32)
     disparity[5:9, 5:9] = 30

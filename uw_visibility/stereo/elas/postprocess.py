@@ -14,6 +14,7 @@ from uw_visibility.compute.indexing import index_of
 from uw_visibility.compute.jit import njit
 from uw_visibility.compute.threads import Workers
 from uw_visibility.images.arrays import DisparityMap
+from uw_visibility.stereo.elas.dense import BORDER
 
 # Largest difference of a gap's sides on one surface, px, and the factor on the width of gaps that
 # are bridged there.
@@ -32,7 +33,8 @@ def check(
     """Left/right check of the best disparities of both views, `best` (2, H, W), px.
 
     `disparity` (H, W) of the left view, at sub-pixel resolution, is set to NaN where the views
-    differ by more than `tolerance`, px, in place.
+    differ by more than `tolerance`, px, in place. Where the disparity of the right view is too
+    large to be tried at the left pixel, whose match is in the border, it replaces the left one.
     """
     workers.rows(_check, disparity.shape[0], best[0], best[1], tolerance, disparity)
 
@@ -82,6 +84,9 @@ def _check(
             d = np.int32(best_left[y, x])
             if d < 0 or abs(best_right[y, x - d] - d) > tolerance:
                 disparity[y, x] = np.nan
+            elif best_right[y, x - d] > x - BORDER:
+                # The left one is only the largest that was tried.
+                disparity[y, x] = best_right[y, x - d]
 
 
 @njit(nogil=True)
