@@ -170,7 +170,7 @@ def test_written_images_read_back(encoding: str) -> None:
 
 def test_enhanced_images_keep_order_and_depth() -> None:
     pairs = {
-        "bgr8": "bgr8", "rgba8": "rgb8", "bgra8": "bgr8", "mono16": "mono16",
+        "bgr8": "bgr8", "rgba8": "rgb8", "bgra8": "bgr8", "bgr16": "bgr16", "mono16": "mono16",
         "bayer_rggb8": "rgb8", "bayer_grbg16": "rgb16",
     }
     assert {name: ENCODINGS[name].output for name in pairs} == pairs
