@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from plain_messages import mosaic
 
 from uw_visibility.images.chroma import ChromaImage, mosaic_chroma
 from uw_visibility.images.jpeg import file_chroma
@@ -20,14 +21,6 @@ from uw_visibility.messages.images import ENCODINGS
 RNG = np.random.default_rng(5)
 PIXELS = RNG.integers(40, 200, (32, 48, 3), np.uint8)
 PATTERNS = ("rggb", "bggr", "gbrg", "grbg")
-
-
-def mosaic(pixels: np.ndarray, pattern: str) -> np.ndarray:
-    plane = np.empty(pixels.shape[:2], pixels.dtype)
-    for k, name in enumerate(pattern):
-        place = np.s_[k // 2::2, k % 2::2]
-        plane[place] = pixels[..., "rgb".index(name)][place]
-    return plane
 
 
 @pytest.mark.parametrize("bits", [8, 16])

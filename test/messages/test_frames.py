@@ -10,6 +10,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from plain_messages import camera_info
+from plain_messages import image_message as image
 
 from uw_visibility.errors import InputError
 from uw_visibility.messages.frames import FrameReader, StereoFrame
@@ -17,21 +19,8 @@ from uw_visibility.messages.frames import FrameReader, StereoFrame
 FOCAL = 50.0
 
 
-def image(pixels: np.ndarray, encoding: str = "mono8") -> SimpleNamespace:
-    return SimpleNamespace(
-        height=pixels.shape[0], width=pixels.shape[1], encoding=encoding, is_bigendian=0,
-        step=pixels.strides[0], data=pixels.tobytes(),
-    )
-
-
 def info(tx: float, **changes: Any) -> SimpleNamespace:
-    fields = {
-        "width": 32, "height": 24, "distortion_model": "plumb_bob", "d": [0.0] * 5,
-        "k": [FOCAL, 0, 15.5, 0, FOCAL, 11.5, 0, 0, 1], "r": np.eye(3).ravel(),
-        "p": [FOCAL, 0, 15.5, tx, 0, FOCAL, 11.5, 0, 0, 0, 1, 0], "binning_x": 0, "binning_y": 0,
-        "roi": SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0, do_rectify=False),
-    }
-    return SimpleNamespace(**(fields | changes))
+    return camera_info((32, 24), FOCAL, (15.5, 11.5), tx, **changes)
 
 
 GREY = np.random.default_rng(2).integers(0, 256, (24, 32), np.uint8)

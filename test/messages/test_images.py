@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from plain_messages import image_message as image
+from plain_messages import make
 
 from uw_visibility.errors import InputError
 from uw_visibility.messages.images import (
@@ -22,16 +23,6 @@ from uw_visibility.messages.images import (
 )
 
 RGB = np.random.default_rng(3).integers(0, 65536, (6, 5, 3), np.uint16)
-
-
-def image(pixels: np.ndarray, encoding: str, **changes: Any) -> SimpleNamespace:
-    """Make an Image message of the array's bytes."""
-    pixels = np.ascontiguousarray(pixels)
-    fields = {
-        "height": pixels.shape[0], "width": pixels.shape[1], "encoding": encoding,
-        "is_bigendian": 0, "step": pixels.strides[0], "data": pixels.tobytes(),
-    }
-    return SimpleNamespace(**(fields | changes))
 
 
 def stored(encoding: str) -> tuple[np.ndarray, np.ndarray]:
@@ -152,10 +143,6 @@ def test_what_cannot_be_read_is_named(changes: dict[str, Any], reason: str) -> N
     vars(message).update(changes)
     with pytest.raises(InputError, match=reason):
         read_image(message, "left image")
-
-
-def make(name: str, /, **fields: Any) -> SimpleNamespace:
-    return SimpleNamespace(name=name, **fields)
 
 
 @given(st.sampled_from(["rgb8", "bgr8", "mono8", "rgb16", "bgr16", "mono16"]))

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from plain_messages import camera_info, image_message, make
 from scenes import in_water, processed, row_ranges, stereo_pair, texture
 
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
@@ -29,10 +29,6 @@ TOPICS = all_topics(NodeConfig())
 ESTIMATES = {topic for topic in TOPICS if topic.startswith("visibility/")}
 
 
-def make(name: str, /, **fields: Any) -> SimpleNamespace:
-    return SimpleNamespace(name=name, **fields)
-
-
 def frame() -> StereoFrame:
     """Make a pair of three planes under water."""
     disparity = np.repeat((16.0, 10.0, 6.0), HEIGHT // 3)
@@ -41,24 +37,8 @@ def frame() -> StereoFrame:
         in_water(view, ranges, [0.5, 0.3, 0.2], [0.5, 0.5, 0.5])
         for view in stereo_pair(texture((HEIGHT, WIDTH + 16, 3), 5), disparity)
     ]
-    header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=0), frame_id="camera")
-    roi = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0, do_rectify=False)
-    messages: list[Any] = [
-        SimpleNamespace(
-            header=header, height=HEIGHT, width=WIDTH, encoding="rgb8", is_bigendian=0,
-            step=3 * WIDTH, data=pixels.tobytes(),
-        )
-        for pixels in pair
-    ]
-    messages += [
-        SimpleNamespace(
-            header=header, height=HEIGHT, width=WIDTH, distortion_model="plumb_bob", d=[],
-            k=[160, 0, 63.5, 0, 160, 47.5, 0, 0, 1], r=np.eye(3).ravel(), binning_x=0,
-            binning_y=0, roi=roi, p=[160, 0, 63.5, tx, 0, 160, 47.5, 0, 0, 0, 1, 0],
-        )
-        for tx in (0.0, -16.0)
-    ]
-    return StereoFrame(*messages)
+    infos = (camera_info((WIDTH, HEIGHT), 160.0, (63.5, 47.5), tx) for tx in (0.0, -16.0))
+    return StereoFrame(*(image_message(pixels, "rgb8") for pixels in pair), *infos)
 
 
 def test_matches_are_rated_where_asked_for_and_stay_the_same() -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from plain_messages import HEADER, camera_info, image_message, make, mosaic
 from scenes import ReefView, processed
 
 from uw_visibility.config.schema import NodeConfig, PipelineConfig
@@ -21,16 +22,11 @@ from uw_visibility_lab.simulation.frame import RenderedFrame
 from uw_visibility_lab.simulation.water import Water
 
 CAMERA = StereoCamera()
-TILES = {"rggb": "rg/gb", "bggr": "bg/gr", "gbrg": "gb/rg", "grbg": "gr/bg"}
 TOPICS = ("disparity", "visibility/attenuation", "visibility/attenuation_stddev")
 SETTINGS = PipelineConfig.from_parameters({"stereo.max_disparity": 96}), NodeConfig()
 
 
 YUV = {"uyvy": "u0v1", "yuv422": "u0v1", "yuyv": "0u1v", "yuv422_yuy2": "0u1v"}
-
-
-def make(name: str, /, **fields: Any) -> SimpleNamespace:
-    return SimpleNamespace(name=name, **fields)
 
 
 @pytest.fixture(scope="module")
@@ -42,10 +38,6 @@ def rendered() -> RenderedFrame:
 @pytest.fixture(scope="module")
 def processor() -> FrameProcessor:
     return FrameProcessor(make, rectify=False)
-
-
-def header() -> SimpleNamespace:
-    return SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=0), frame_id="camera")
 
 
 def yuv422(pixels: np.ndarray, order: str) -> np.ndarray:
@@ -66,11 +58,7 @@ def image(pixels: np.ndarray, encoding: str) -> SimpleNamespace:
     if bits == 16:
         pixels = (pixels.astype(np.uint16) * 257).astype(">u2")
     if name.startswith("bayer_"):
-        mosaic = np.empty(pixels.shape[:2], pixels.dtype)
-        for row, colours in enumerate(TILES[name.removeprefix("bayer_")].split("/")):
-            for column, colour in enumerate(colours):
-                mosaic[row::2, column::2] = pixels[row::2, column::2, "rgb".index(colour)]
-        stored = mosaic
+        stored = mosaic(pixels, name.removeprefix("bayer_"))
     else:
         alpha = np.full(pixels.shape[:2], 255, pixels.dtype)
         stored = yuv422(pixels, YUV[encoding]) if encoding in YUV else {
@@ -78,11 +66,7 @@ def image(pixels: np.ndarray, encoding: str) -> SimpleNamespace:
             "mono": pixels[..., 1], "rgb": pixels, "bgr": pixels[..., ::-1],
             "rgba": np.dstack([pixels, alpha]), "bgra": np.dstack([pixels[..., ::-1], alpha]),
         }[encoding[:3] if encoding.startswith("8UC") else name]
-    stored = np.ascontiguousarray(stored)
-    return SimpleNamespace(
-        header=header(), height=stored.shape[0], width=stored.shape[1], encoding=encoding,
-        is_bigendian=int(bits == 16), step=stored.strides[0], data=stored.tobytes(),
-    )
+    return image_message(stored, encoding, is_bigendian=int(bits == 16))
 
 
 def compressed(pixels: np.ndarray, codec: str, quality: int = 95) -> SimpleNamespace:
@@ -91,18 +75,13 @@ def compressed(pixels: np.ndarray, codec: str, quality: int = 95) -> SimpleNames
     options = [cv2.IMWRITE_JPEG_QUALITY, quality] if codec == ".jpg" else []
     data = cv2.imencode(codec, stored, options)[1].tobytes()
     kind = {".jpg": "jpeg", ".png": "png"}[codec]
-    return SimpleNamespace(header=header(), format=f"rgb8; {kind} compressed bgr8", data=data)
+    return SimpleNamespace(header=HEADER, format=f"rgb8; {kind} compressed bgr8", data=data)
 
 
 def info(offset: float, cx: float) -> SimpleNamespace:
     """Make the CameraInfo of a camera so far to the right of the left one, m."""
-    f, cy = CAMERA.focal_length, CAMERA.principal_point[1]
-    return SimpleNamespace(
-        header=header(), height=CAMERA.height, width=CAMERA.width, distortion_model="plumb_bob",
-        d=[], k=[f, 0, cx, 0, f, cy, 0, 0, 1], r=np.eye(3).ravel(), binning_x=0, binning_y=0,
-        p=[f, 0, cx, -f * offset, 0, f, cy, 0, 0, 0, 1, 0],
-        roi=SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0, do_rectify=False),
-    )
+    centre, size = (cx, CAMERA.principal_point[1]), (CAMERA.width, CAMERA.height)
+    return camera_info(size, CAMERA.focal_length, centre, -CAMERA.focal_length * offset)
 
 
 def process(processor: FrameProcessor, left: Any, right: Any, shift: int = 0) -> dict[str, Any]:

@@ -16,6 +16,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from plain_messages import camera_info as make_info
+from plain_messages import region as roi
 
 from uw_visibility.errors import InputError
 from uw_visibility.stereo.calibration import doubt
@@ -27,19 +29,9 @@ SIZE = (64, 48)
 
 
 def camera_info(tx: float = 0.0, cx: float = CENTRE[0], **changes: Any) -> SimpleNamespace:
-    """Make a CameraInfo with the fields of ROS 2."""
-    k = [FOCAL, 0.0, CENTRE[0], 0.0, FOCAL, CENTRE[1], 0.0, 0.0, 1.0]
+    """Make the CameraInfo of a camera of the pair; cx is that of P."""
     p = [FOCAL, 0.0, cx, tx, 0.0, FOCAL, CENTRE[1], 0.0, 0.0, 0.0, 1.0, 0.0]
-    fields: dict[str, Any] = {
-        "width": SIZE[0], "height": SIZE[1], "distortion_model": "plumb_bob",
-        "k": k, "d": [0.0] * 5, "r": list(np.eye(3).ravel()), "p": p,
-        "binning_x": 0, "binning_y": 0, "roi": roi(),
-    }
-    return SimpleNamespace(**(fields | changes))
-
-
-def roi(x: int = 0, y: int = 0, width: int = 0, height: int = 0) -> SimpleNamespace:
-    return SimpleNamespace(x_offset=x, y_offset=y, width=width, height=height, do_rectify=False)
+    return make_info(SIZE, FOCAL, CENTRE, **({"p": p} | changes))
 
 
 def right_info(**changes: Any) -> SimpleNamespace:
