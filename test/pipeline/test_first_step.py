@@ -93,12 +93,10 @@ def test_a_hand_is_left_out_at_the_size_of_the_images(frame: RenderedFrame) -> N
     assert coarse.view.valid[:, :250].all()
 
 
-@pytest.mark.parametrize("darkest", [1, 4], ids=["exact", "noisy"])
-def test_a_dead_part_of_one_camera_leaves_the_rest_its_matches(darkest: int) -> None:
-    """Such as the inside of a housing, with or without the noise of the sensor."""
+def test_a_dead_part_of_one_camera_leaves_the_rest_its_matches() -> None:
     turbid = ReefView(CAMERA, water=Water(0.6, 3.0)).frame()
     left = turbid.left.copy()
-    left[:, :64] = np.random.default_rng(0).integers(0, darkest, left[:, :64].shape)
+    left[:, :64] = 0
     whole, rest = (
         len(coarse_estimate(image, turbid.right).points) for image in (turbid.left, left))
     assert rest > 0.8 * whole > 300

@@ -69,7 +69,7 @@ class ContrastNormalizer:
         image, RGB or grey, is smoothed according to its restored noise.
         """
         self._mix(image, LUMA, workers)
-        self.gain[:] = self._raw_gain(image, noise)
+        self.gain[:] = self._raw_gain(image)
         self._smooth(image, LUMA, workers, noise)
 
     def restore(
@@ -124,23 +124,20 @@ class ContrastNormalizer:
         steps = np.linspace(0.0, farthest, _TABLE)
         falloff = np.exp(np.interp(steps, RANGES, np.log(weights @ direct)))
         falloff /= np.interp(typical, steps, falloff)
-        gain = self._raw_gain(image, noise) * np.maximum(_FAR_GAIN / falloff, 1.0)
+        gain = self._raw_gain(image) * np.maximum(_FAR_GAIN / falloff, 1.0)
         self._set_gain(np.minimum(_FINE * gain, self._max_gain(image)), farthest, range_map)
         self._smooth(image, weights, workers, noise)
 
     def _max_gain(self, image: Image) -> float:
         return _MAX_GAIN if image.dtype == np.uint8 else _MAX_GAIN * self._averaged
 
-    def _raw_gain(self, image: Image, noise: Array) -> float:
+    def _raw_gain(self, image: Image) -> float:
         """Gain that stretches the contrast of the grey image, limited because of noise."""
         # Every fourth pixel of every fourth row is enough.
         sample = self.grey[::4, ::4]
         high = np.percentile(sample, 100 * (1 - _OUTSIDE))
-        # Black is what a rectified image does not show, a housing's edge, or a dead part: pixels of
-        # the camera within 3 σ of 0, the limit of detection. Averaging leaves black its mean.
-        of_grey = float(noise[0] if image.ndim == 2 else np.asarray(LUMA) @ noise)
-        scale = _FINE if image.dtype == np.uint8 else 1.0
-        lit = sample[sample > 3.0 * scale * self._averaged * of_grey]
+        # Black is what a rectified image does not show, a housing's edge, or a dead part.
+        lit = sample[sample > 0]
         low = np.percentile(lit, 100 * _OUTSIDE) if lit.size else high
         return float(min(255.0 / max(high - low, 1.0), self._max_gain(image) / _FINE))
 
