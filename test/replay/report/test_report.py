@@ -9,7 +9,7 @@ import io
 import json
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from html.parser import HTMLParser
 from pathlib import Path
 from time import sleep
@@ -24,17 +24,14 @@ from numpy.typing import NDArray
 from uw_visibility.compute.jit import counts
 from uw_visibility.replay import progress
 from uw_visibility.replay.bags.reader import BagReader
-from uw_visibility.replay.columns import COLUMNS, Column
+from uw_visibility.replay.columns import COLUMNS
 from uw_visibility.replay.inputs.sensors import ScalarTopic
 from uw_visibility.replay.report import figures
 from uw_visibility.replay.report.figures import MOST_POINTS, draw_series
 from uw_visibility.replay.report.gallery import ColourScale
 from uw_visibility.replay.report.meaning import MEANINGS, REMEDIES, meaning
 from uw_visibility.replay.report.report import fit_joins
-from uw_visibility.replay.report.track import (
-    draw_tracks,
-    round_length,
-)
+from uw_visibility.replay.report.track import draw_tracks, round_length
 from uw_visibility.replay.table import read_rows, read_table
 from uw_visibility.status import Status
 from uw_visibility.water.meaning import assessment
@@ -255,6 +252,13 @@ def test_frames_that_are_all_unusable_are_exit_code_1_with_the_reason(
     assert "too dark" in Page(tmp_path / "out" / "report.html").text
 
 
+def table(frames: int, **known: float | Sequence[float]) -> dict[str, NDArray[np.float64]]:
+    """Columns of so many frames, of which these are known; a second lies between two frames."""
+    columns = {name: np.full(frames, np.nan) for name in COLUMNS}
+    columns["stamp"] = 1.7e9 + np.arange(frames)
+    return columns | {name: np.zeros(frames) + values for name, values in known.items()}
+
+
 @pytest.fixture
 def visibility_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw the first of the figures over time alone."""
@@ -263,8 +267,7 @@ def visibility_alone(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("count", [1, MOST_POINTS + 1])
 def test_the_series_is_drawn_whatever_is_known(count: int) -> None:
-    columns = {name: np.full(count, np.nan) for name in COLUMNS}
-    columns["stamp"] = 1.7e9 + np.arange(count)
+    columns = table(count)
     drawn = draw_series(columns)
     assert [each.title.partition(" ")[0] for each in drawn] == ["Visibility", "Mean", "Depth"]
     assert all("not assessable</text>" in each.drawing for each in drawn)
@@ -342,12 +345,11 @@ def test_long_compiling_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_track_is_drawn_where_there_are_positions(replayed: Path) -> None:
-    columns = {name: np.full(5, np.nan) for name in COLUMNS}
-    assert draw_tracks({"": columns}) == []
+    assert draw_tracks({"": table(5)}) == []
     assert 'id="map"' not in Page(replayed / "report.html").text
     # Some frames were not assessed, and one has no position; one stands still.
-    columns["visibility_distance"] = np.array([5.0, np.nan, 7.0, 8.0, 9.0])
-    columns["x"] = columns["y"] = np.array([0.0, 1.0, 2.0, np.nan, 3.0])
+    places = (0.0, 1.0, 2.0, np.nan, 3.0)
+    columns = table(5, visibility_distance=(5.0, np.nan, 7.0, 8.0, 9.0), x=places, y=places)
     (drawn,) = draw_tracks({"": columns})
     assert "x [m]" in drawn
     columns["longitude"], columns["latitude"] = np.full(5, 10.5), np.full(5, 60.0)
@@ -367,8 +369,7 @@ def test_the_track_is_drawn_where_there_are_positions(replayed: Path) -> None:
 def test_labels_on_a_map_do_not_lie_on_one_another() -> None:
     """Recordings of a day often begin at one mooring, and their ends are near on its map."""
     def leg(x: float, length: float) -> dict[str, np.ndarray]:
-        columns = {name: np.full(4, np.nan) for name in COLUMNS}
-        return columns | {"x": np.linspace(x, x + length, 4), "y": np.zeros(4)}
+        return table(4, x=np.linspace(x, x + length, 4), y=0.0)
 
     drawn = draw_tracks({
         "a": leg(0.0, 2.0), "b": leg(1.0, 500.0), "c": leg(1000.0, 3.0)})[0]
@@ -379,11 +380,9 @@ def test_labels_on_a_map_do_not_lie_on_one_another() -> None:
 
 
 def test_a_track_across_the_date_line_is_short() -> None:
-    columns = {name: np.full(4, np.nan) for name in COLUMNS}
-    columns["latitude"] = np.full(4, 10.0)
-    columns["longitude"] = np.array([179.996, 179.999, -179.998, -179.995])
-    columns["visibility_distance"] = np.full(4, 5.0)
-    (drawn,) = draw_tracks({"": columns})
+    longitude = (179.996, 179.999, -179.998, -179.995)
+    (drawn,) = draw_tracks(
+        {"": table(4, latitude=10.0, longitude=longitude, visibility_distance=5.0)})
     assert "1 track over 986 m by 0 m" in drawn
     # Degrees as charts have them.
     assert ">−179.995</text>" in drawn
@@ -391,38 +390,30 @@ def test_a_track_across_the_date_line_is_short() -> None:
 
 
 def test_a_track_at_the_pole_has_a_map() -> None:
-    columns = {name: np.full(3, np.nan) for name in COLUMNS}
-    columns["latitude"], columns["longitude"] = np.full(3, 90.0), np.array([0.0, 120.0, -120.0])
+    columns = table(3, latitude=90.0, longitude=(0.0, 120.0, -120.0))
     assert "longitude [°]" in draw_tracks({"": columns})[0]
 
 
 def test_no_axis_goes_above_the_surface(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(figures, "QUANTITIES", figures.QUANTITIES[2:])
-    columns = {name: np.full(9, np.nan) for name in COLUMNS}
-    columns["stamp"] = 1.7e9 + np.arange(9)
-    columns["depth"], columns["depth_stddev"] = np.full(9, 1.3), np.full(9, 2.0)
-    drawn = draw_series(columns)[0].drawing
+    drawn = draw_series(table(9, depth=1.3, depth_stddev=2.0))[0].drawing
     assert ">3</text>" in drawn
     assert ">−1</text>" not in drawn
 
 
 def test_the_band_of_the_filtered_values_is_within_the_axis(visibility_alone: None) -> None:
-    columns = {name: np.full(9, np.nan) for name in COLUMNS}
-    columns["stamp"], columns["frame"] = 1.7e9 + np.arange(9), np.arange(9.0)
-    columns["filtered_visibility_distance"] = np.full(9, 4.0)
-    columns["filtered_visibility_distance_stddev"] = np.full(9, 2.5)
+    columns = table(
+        9, frame=range(9), filtered_visibility_distance=4.0,
+        filtered_visibility_distance_stddev=2.5)
     drawn = draw_series(columns)[0].drawing
     assert all(f">{metres}</text>" in drawn for metres in (2, 4, 6))
 
 
 def test_a_figure_shows_clock_time_and_values_to_point_at() -> None:
-    columns = {name: np.full(9, np.nan) for name in COLUMNS}
-    columns["stamp"], columns["frame"] = 1.7e9 + 60.0 * np.arange(9), np.arange(9.0)
-    columns["visibility_distance"] = np.linspace(5.0, 9.0, 9)
-    columns["visibility_distance_stddev"] = np.full(9, 0.5)
-    columns["filtered_visibility_distance"] = np.full(9, 7.0)
-    columns["filtered_visibility_distance_stddev"] = np.full(9, 0.25)
-    every = draw_series(columns)
+    every = draw_series(table(
+        9, stamp=1.7e9 + 60.0 * np.arange(9), frame=range(9),
+        visibility_distance=np.linspace(5.0, 9.0, 9), visibility_distance_stddev=0.5,
+        filtered_visibility_distance=7.0, filtered_visibility_distance_stddev=0.25))
     drawn = every[0].drawing
     for text in (">time (UTC)<", ">22:15<", ">2023-11-14<", ">filtered, ± 1 σ<"):
         assert text in drawn
@@ -439,9 +430,7 @@ def test_a_figure_shows_clock_time_and_values_to_point_at() -> None:
 
 def test_times_around_midnight_have_both_dates(visibility_alone: None) -> None:
     def dates(first: float) -> list[str]:
-        columns = {name: np.full(5, np.nan) for name in COLUMNS}
-        columns["stamp"] = first + np.arange(5)
-        drawn = draw_series(columns)[0].drawing
+        drawn = draw_series(table(5, stamp=first + np.arange(5)))[0].drawing
         return re.findall(r">(20\d\d-[^<]*)</text>", drawn)
 
     midnight = 1_700_006_400.0
@@ -452,9 +441,7 @@ def test_times_around_midnight_have_both_dates(visibility_alone: None) -> None:
 
 def test_times_are_within_the_drawing(visibility_alone: None) -> None:
     for stamps in ([1.7e9], 1.7e9 + 0.5 * np.arange(5)):
-        columns = {name: np.full(len(stamps), np.nan) for name in COLUMNS}
-        columns["stamp"] = np.array(stamps)
-        drawn = draw_series(columns)[0].drawing
+        drawn = draw_series(table(len(stamps), stamp=stamps))[0].drawing
         width = float(re.search(r'viewBox="0 0 (\d+)', drawn)[1])  # type: ignore[index]
         wide = drawn.partition("plot narrow")[0]
         places = [float(x) for x in re.findall(r'x="([\d.]+)"[^>]*>22:13:2[\d.]*</text>', wide)]
@@ -463,9 +450,19 @@ def test_times_are_within_the_drawing(visibility_alone: None) -> None:
         assert all(x + 23.0 < width for x in places)
 
 
-def joined(name: str) -> dict[str, Column]:
-    names = ("stamp", "beam_attenuation", "beam_attenuation_stddev", name)
-    return dict.fromkeys(names, COLUMNS["depth"])
+def told_of_fit(
+    folder: Path, topic: ScalarTopic, beam: Sequence[float], stddev: float, values: Sequence[float]
+) -> dict[str, str]:
+    """What a report tells of the fit of a sensor's values to beam attenuations, one a second."""
+    names = ("stamp", "beam_attenuation", "beam_attenuation_stddev", topic.column)
+    rows = (f"{k},{b},{stddev},{v}" for k, (b, v) in enumerate(zip(beam, values, strict=True)))
+    (folder / "frames.csv").write_text("\n".join([",".join(names), *rows]))
+    (told,) = fit_joins(
+        folder, read_table(folder / "frames.csv", dict.fromkeys(names, COLUMNS["depth"])), [topic])
+    return told
+
+
+BEAM = 0.1 + 0.02 * np.arange(20)
 
 
 @pytest.mark.parametrize("stddev, left", [
@@ -475,32 +472,22 @@ def test_what_a_fit_leaves_is_told_beside_what_the_estimates_may_be_off_by(
     stddev: float, left: str, tmp_path: Path
 ) -> None:
     """A scatter of nothing would contradict the residuals in the figure beside it."""
-    lines = [
-        f"{k},{0.1 + 0.02 * k},{stddev},{0.1 + 0.02 * k + 0.01 * (-1) ** k}" for k in range(20)]
-    (tmp_path / "frames.csv").write_text("\n".join(
-        ["stamp,beam_attenuation,beam_attenuation_stddev,joined_c", *lines]))
-    table = read_table(tmp_path / "frames.csv", joined("joined_c"))
-    (section,) = fit_joins(tmp_path, table, [ScalarTopic("/c")])
+    values = BEAM + 0.01 * (-1.0) ** np.arange(20)
+    section = told_of_fit(tmp_path, ScalarTopic("/c"), BEAM, stddev, values)
     assert left in section["text"]
     assert "scatter 0" not in section["text"]
 
 
 def test_too_few_values_for_a_fit_have_no_residuals(tmp_path: Path) -> None:
-    (tmp_path / "frames.csv").write_text(
-        "stamp,beam_attenuation,beam_attenuation_stddev,joined_t\n1.7e9,0.1,0.02,0.2\n")
-    table = read_table(tmp_path / "frames.csv", joined("joined_t"))
-    (section,) = fit_joins(tmp_path, table, [ScalarTopic("/t")])
+    section = told_of_fit(tmp_path, ScalarTopic("/t"), [0.1], 0.02, [0.2])
     assert "no fit" in section["figure"]
     assert "time (UTC)" not in section["figure"]
 
 
 def test_what_falls_with_attenuation_is_drawn_with_its_deviations(tmp_path: Path) -> None:
     """Such as the transmission, in percent, that a transmissometer publishes."""
-    lines = [f"{k},{0.1 + 0.02 * k},0.02,{90.0 - 20.0 * (0.1 + 0.02 * k)}" for k in range(20)]
-    (tmp_path / "frames.csv").write_text("\n".join(
-        ["stamp,beam_attenuation,beam_attenuation_stddev,joined_t", *lines]))
-    table = read_table(tmp_path / "frames.csv", joined("joined_t"))
-    (section,) = fit_joins(tmp_path, table, [ScalarTopic("/t", unit="percent")])
+    section = told_of_fit(
+        tmp_path, ScalarTopic("/t", unit="percent"), BEAM, 0.02, 90.0 - 20.0 * BEAM)
     assert section["text"].startswith("/t [percent] = (90 ± ")
     assert "+ (-20 ± " in section["text"]
     assert section["figure"].count("/t [percent]") > 0
@@ -518,8 +505,7 @@ def test_a_scale_bar_has_a_round_length(longest: float, length: float) -> None:
 
 
 def test_a_recording_may_be_called_anything(visibility_alone: None) -> None:
-    columns = {name: np.full(3, np.nan) for name in COLUMNS}
-    columns |= {name: np.arange(3.0) for name in ("x", "y", "visibility_distance")}
+    columns = table(3, x=range(3), y=range(3), visibility_distance=range(3))
     name = "<b> $x_{ \x1b[31m"
     drawn = draw_tracks({name: columns, "other": columns})[0]
     assert "&lt;b&gt; $x_{ " in drawn
