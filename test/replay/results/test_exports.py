@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import sys
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from uw_visibility.messages.stamps import iso_time, seconds
 from uw_visibility.replay.bags.reader import BagReader
-from uw_visibility.replay.columns import COLUMNS, FAILED, joined_column
+from uw_visibility.replay.columns import COLUMNS, FAILED, Column, joined_column
 from uw_visibility.replay.line_fit import LineFit
 from uw_visibility.replay.results.exports import write_netcdf
 from uw_visibility.replay.table import SUFFIX, TableWriter, read_rows, read_table
@@ -188,6 +188,21 @@ def test_netcdf_says_what_it_is_when_and_where(
         assert kinds == {"physicalMeasurement", "qualityInformation", "auxiliaryInformation"}
 
 
+def netcdf_of(
+    folder: Path, rows: Iterable[dict[str, str]], columns: Mapping[str, Column] = COLUMNS
+) -> Path:
+    """Write a table of these rows and make a NetCDF file of it, as a replay does."""
+    pytest.importorskip("netCDF4", reason="the extra netcdf is not installed")
+    table = TableWriter(folder / "frames.csv", tuple(columns))
+    for row in rows:
+        table.write(row)
+    table.close()
+    provenance = {"bag": "dive", "version": "0", "parameters": {}, "input_sha256": "0"}
+    write_netcdf(folder / "frames.nc", read_table(folder / "frames.csv", columns), columns,
+                 provenance, np.full(3, 500.0))
+    return folder / "frames.nc"
+
+
 @pytest.mark.parametrize("words, told", [
     (["--netcdf", "--attribute", "licence=x"], "--attribute names licence: give one of title, "),
     (["--netcdf", "--attribute", "license"], "--attribute is 'license': give a name and a text"),
@@ -228,20 +243,15 @@ def test_netcdf_passes_the_checker_of_ioos(exported: Path) -> None:
 def test_a_long_table_takes_little_memory(exported: Path, tmp_path: Path) -> None:
     xarray = pytest.importorskip("xarray")
     row = dict(next(read_rows(exported / "frames.csv")))
-    table = TableWriter(tmp_path / "frames.csv", tuple(COLUMNS))
-    for k in range(2000):
-        table.write({**{c: row[c] for c in COLUMNS}, "frame": str(k), "depth": repr(0.5 * k)})
-    table.close()
-    provenance = {"bag": "long", "version": "0", "parameters": {}, "input_sha256": "0"}
     tracemalloc.start()
-    write_netcdf(
-        tmp_path / "frames.nc", read_table(tmp_path / "frames.csv", COLUMNS), COLUMNS, provenance,
-        np.full(3, 500.0))
+    file = netcdf_of(tmp_path, (
+        {**{c: row[c] for c in COLUMNS}, "frame": str(k), "depth": repr(0.5 * k)}
+        for k in range(2000)))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # A row as text takes some 15 kB.
     assert peak < 20e6
-    with xarray.open_dataset(tmp_path / "frames.nc") as data:
+    with xarray.open_dataset(file) as data:
         np.testing.assert_array_equal(data["frame"].values, np.arange(2000))
         np.testing.assert_array_equal(data["depth"].values, 0.5 * np.arange(2000))
         assert (data["status"].values == 0).all()
@@ -250,17 +260,10 @@ def test_a_long_table_takes_little_memory(exported: Path, tmp_path: Path) -> Non
 
 def test_a_duration_that_is_joined_is_no_date(tmp_path: Path) -> None:
     xarray = pytest.importorskip("xarray")
-    pytest.importorskip("netCDF4", reason="the extra netcdf is not installed")
     columns = {**COLUMNS, "joined_age": joined_column("/age", 0, "s")}
-    table = TableWriter(tmp_path / "frames.csv", tuple(columns))
     text = columns["joined_age"].text({"scalars": (12.5,)})
-    table.write({"frame": "0", "datetime": iso_time(0), "stamp": seconds(0), "joined_age": text})
-    table.close()
-    provenance = {"bag": "short", "version": "0", "parameters": {}, "input_sha256": "0"}
-    write_netcdf(
-        tmp_path / "frames.nc", read_table(tmp_path / "frames.csv", columns), columns, provenance,
-        np.full(3, 500.0))
-    with xarray.open_dataset(tmp_path / "frames.nc", decode_times=False) as data:
+    row = {"frame": "0", "datetime": iso_time(0), "stamp": seconds(0), "joined_age": text}
+    with xarray.open_dataset(netcdf_of(tmp_path, [row], columns), decode_times=False) as data:
         assert float(data["joined_age"][0]) == 12.5
         assert data["joined_age"].attrs["units"] == "s"
         assert data["stamp"].attrs["units"].startswith("seconds since 1970")
@@ -269,19 +272,12 @@ def test_a_duration_that_is_joined_is_no_date(tmp_path: Path) -> None:
 def test_bounds_of_a_track_over_the_date_line_are_around_it(tmp_path: Path) -> None:
     """A pause in the recording is not the time between its frames either."""
     xarray = pytest.importorskip("xarray")
-    pytest.importorskip("netCDF4", reason="the extra netcdf is not installed")
-    table = TableWriter(tmp_path / "frames.csv", tuple(COLUMNS))
     track = ((0, "179.5"), (1, ""), (2, "-179.75"), (3, "-180.0"), (90_000, "179.25"))
-    for time, longitude in track:
-        stamp = time * 10**9
-        table.write({"frame": "0", "datetime": iso_time(stamp), "stamp": seconds(stamp),
-                     "longitude": longitude, "latitude": longitude and "-16.5"})
-    table.close()
-    provenance = {"bag": "long", "version": "0", "parameters": {}, "input_sha256": "0"}
-    write_netcdf(
-        tmp_path / "frames.nc", read_table(tmp_path / "frames.csv", COLUMNS), COLUMNS, provenance,
-        np.full(3, 500.0))
-    with xarray.open_dataset(tmp_path / "frames.nc") as data:
+    file = netcdf_of(tmp_path, (
+        {"frame": "0", "datetime": iso_time(time * 10**9), "stamp": seconds(time * 10**9),
+         "longitude": longitude, "latitude": longitude and "-16.5"}
+        for time, longitude in track))
+    with xarray.open_dataset(file) as data:
         said = data.attrs
     assert (said["geospatial_lon_min"], said["geospatial_lon_max"]) == (179.25, -179.75)
     assert said["geospatial_bounds"] == (

@@ -291,16 +291,17 @@ def test_positions_that_go_back_by_more_than_a_second_begin_anew() -> None:
     assert joined.x == 50.0
 
 
-def test_a_fix_is_read_and_none_where_there_is_none() -> None:
+def fix(latitude: float, longitude: float, status: int = 0) -> SimpleNamespace:
     header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=5))
-    fix = SimpleNamespace(
-        header=header, status=SimpleNamespace(status=0), latitude=1.0, longitude=2.0, altitude=0.0
-    )
-    assert read_position(fix) == Position(1_000_000_005, True, 2.0, 1.0)
-    fix.status.status = -1
-    assert read_position(fix) is None
-    fix.status.status, fix.latitude = 0, float("nan")
-    assert read_position(fix) is None
+    return SimpleNamespace(
+        header=header, status=SimpleNamespace(status=status), latitude=latitude,
+        longitude=longitude, altitude=0.0)
+
+
+def test_a_fix_is_read_and_none_where_there_is_none() -> None:
+    assert read_position(fix(1.0, 2.0)) == Position(1_000_000_005, True, 2.0, 1.0)
+    assert read_position(fix(1.0, 2.0, status=-1)) is None
+    assert read_position(fix(float("nan"), 2.0)) is None
 
 
 @pytest.mark.parametrize("step", [0.004, -0.004])
@@ -318,20 +319,12 @@ def test_positions_across_the_date_line_stay_there(step: float) -> None:
 
 @pytest.mark.parametrize(("latitude", "longitude"), [(100.0, 2.0), (1.0, 3.7e7)])
 def test_a_fix_that_is_nowhere_on_earth_is_refused(latitude: float, longitude: float) -> None:
-    header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=5))
-    fix = SimpleNamespace(
-        header=header, status=SimpleNamespace(status=0), latitude=latitude, longitude=longitude,
-        altitude=0.0)
     with pytest.raises(InputError, match="publish degrees"):
-        read_position(fix)
+        read_position(fix(latitude, longitude))
 
 
 def test_longitudes_from_0_to_360_are_those_of_wgs_84() -> None:
-    header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=5))
-    fix = SimpleNamespace(
-        header=header, status=SimpleNamespace(status=0), latitude=1.0, longitude=350.0,
-        altitude=0.0)
-    position = read_position(fix)
+    position = read_position(fix(1.0, 350.0))
     assert position is not None
     assert position.x == -10.0
 
