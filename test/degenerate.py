@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scenes import stereo_pair
 
 from uw_visibility import Pipeline, PipelineConfig, estimate_water
 from uw_visibility.errors import InputError
@@ -165,12 +166,11 @@ class Picture:
 
     def make(self) -> tuple[Image, Image, NDArray[np.float32]]:
         """Left and right image, and the left one's disparity, px; NaN in open water."""
-        rng = np.random.default_rng(self.seed)
         # A floor that comes nearer downwards.
         rows = np.linspace(0.03 * self.width, 0.18 * self.width, self.height)
-        left, right = (self._see(rng, rows, shift) for shift in (False, True))
+        left, right = self._see(self.seed, rows)
         if self.right == "other":
-            right = self._see(np.random.default_rng(self.seed + 1), rows, False)
+            right, _ = self._see(self.seed + 1, rows)
         for name in self.defects:
             # The same rows and pixels in both, noise of their own.
             for side, image in enumerate((left, right)):
@@ -182,25 +182,21 @@ class Picture:
             left, right = (np.ascontiguousarray(image[..., 1]) for image in (left, right))
         return left, right, disparity
 
-    def _see(self, rng: Any, rows: Image, shift: bool) -> Image:
-        wide = self.width + math.ceil(rows.max()) + 1
-        if shift:
-            # The texture of the left image again.
-            rng = np.random.default_rng(self.seed)
-        radiance = self._ground(rng, wide)
-        columns = np.arange(self.width) + (rows[:, np.newaxis] if shift else 0.0)
-        at = np.floor(columns).astype(np.int64)
-        row = np.arange(self.height)[:, np.newaxis]
-        part = (columns - at)[..., np.newaxis]
-        seen = (1 - part) * radiance[row, at] + part * radiance[row, np.minimum(at + 1, wide - 1)]
+    def _see(self, seed: int, rows: Image) -> list[Image]:
+        """Both views of one ground through the water."""
+        radiance = self._ground(
+            np.random.default_rng(seed), self.width + math.ceil(rows.max()) + 1)
         distance = FOCAL_LENGTH * BASELINE / rows
         beta = self.attenuation * np.array((2.5, 1.2, 1.0))
         light, veil = np.array((0.4, 0.8, 0.9)), np.array((0.2, 0.4, 0.5))
         kept = np.exp(-beta * distance[:, np.newaxis])[:, np.newaxis]
-        image = light * seen * kept + veil * (1 - kept)
-        image[: round(self.open_water * self.height)] = veil
-        return from_linear(
-            image.astype(np.float32), self.transfer, np.uint8 if self.bits == 8 else np.uint16)
+        views = []
+        for seen in stereo_pair(radiance, rows, self.width):
+            image = light * seen * kept + veil * (1 - kept)
+            image[: round(self.open_water * self.height)] = veil
+            dtype = np.uint8 if self.bits == 8 else np.uint16
+            views.append(from_linear(image.astype(np.float32), self.transfer, dtype))
+        return views
 
     def _ground(self, rng: Any, wide: int) -> Image:
         shape = (self.height, wide)

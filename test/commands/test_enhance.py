@@ -27,6 +27,10 @@ OUTPUTS = {
     "range.pfm", "report.json", "overview.png",
 }
 DISPARITY = 12
+PROJECTIONS = {
+    "P1": [[400.0, 0, 80, 0], [0, 400.0, 60, 0], [0, 0, 1, 0]],
+    "P2": [[400.0, 0, 80, -48.0], [0, 400.0, 60, 0], [0, 0, 1, 0]],
+}
 Pair = Sequence[NDArray[Any]]
 
 
@@ -227,10 +231,8 @@ def test_images_that_show_nothing_are_refused(
 def test_calibration_and_numbers_say_the_same(
     tmp_path: Path, pair: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    p1 = [[400.0, 0, 80, 0], [0, 400.0, 60, 0], [0, 0, 1, 0]]
-    p2 = [[400.0, 0, 80, -48.0], [0, 400.0, 60, 0], [0, 0, 1, 0]]
-    (tmp_path / "pair.json").write_text(json.dumps({"P1": p1, "P2": p2}), encoding="utf-8")
-    for side, projection in (("left", p1), ("right", p2)):
+    (tmp_path / "pair.json").write_text(json.dumps(PROJECTIONS), encoding="utf-8")
+    for side, projection in zip(("left", "right"), PROJECTIONS.values(), strict=True):
         content = {
             "image_width": 160, "image_height": 120, "distortion_model": "plumb_bob",
             "camera_matrix": {"data": [400.0, 0, 80, 0, 400.0, 60, 0, 0, 1]},
@@ -355,10 +357,8 @@ def test_small_images_are_refused(refused: Callable[..., str], tmp_path: Path) -
 def test_a_calibration_of_other_images_is_refused(
     refused: Callable[..., str], tmp_path: Path, pair: tuple[str, str]
 ) -> None:
-    p1 = [[400.0, 0, 80, 0], [0, 400.0, 60, 0], [0, 0, 1, 0]]
-    p2 = [[400.0, 0, 80, -48.0], [0, 400.0, 60, 0], [0, 0, 1, 0]]
     path = tmp_path / "pair.json"
-    path.write_text(json.dumps({"P1": p1, "P2": p2, "width": 320, "height": 240}))
+    path.write_text(json.dumps({**PROJECTIONS, "width": 320, "height": 240}))
     sentence = refused(*pair, "--calibration", str(path))
     assert str(path) in sentence
     assert "320x240" in sentence
