@@ -20,7 +20,7 @@ from plain_messages import camera_info as make_info
 from plain_messages import region as roi
 
 from uw_visibility.errors import InputError
-from uw_visibility.stereo.calibration import doubt
+from uw_visibility.stereo.calibration import CameraCalibration, doubt
 from uw_visibility.stereo.rectification import Rectifier
 from uw_visibility.stereo.rig import StereoRig
 
@@ -204,10 +204,11 @@ def test_a_calibration_of_images_of_another_size_is_doubted(
     changes: dict[str, Any], doubted: bool
 ) -> None:
     info = camera_info(**changes)
-    assert bool(doubt(info, "left")) is doubted
+    calibration = CameraCalibration.from_camera_info(info, "left")
+    assert bool(doubt(info, calibration, "left")) is doubted
     if doubted:
         assert f"left camera_info has the principal point 31.5 23.5, far from the middle of " \
-            f"{info.width}x{info.height} pixels" in doubt(info, "left")
+            f"{info.width}x{info.height} pixels" in doubt(info, calibration, "left")
 
 
 def test_projection_matrices_of_another_form_are_refused() -> None:

@@ -126,7 +126,9 @@ def _write(
     from uw_visibility.config.parameters import render_values
 
     names = printable(", ".join(bag.resolve().name for bag in arguments.bags))
-    given = read_params_file(arguments.params_file, arguments.transfer, quiet=True)
+    given = read_params_file(arguments.params_file)
+    if arguments.transfer is not None:
+        given["camera.transfer"] = arguments.transfer
     text = render_values(given | parameters, f"{what}, of {names}: {how}")
     # Standard output holds the file only.
     print(told, file=sys.stderr if arguments.output is None else sys.stdout)

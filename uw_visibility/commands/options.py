@@ -52,19 +52,17 @@ def add_camera_options(parser: argparse.ArgumentParser, known: str) -> None:
         "as in most video and JPEG (parameter camera.transfer)")
 
 
-def read_params_file(
-    path: Path | None, transfer: str | None = None, *, quiet: bool = False
-) -> dict[str, Any]:
+def read_params_file(path: Path | None, transfer: str | None = None) -> dict[str, Any]:
     """Read and check a parameter file for `PipelineConfig` and `NodeConfig`.
 
-    `transfer` is that of the command line, which overrides the file; unless `quiet` this is told.
+    `transfer` is that of the command line, which overrides the file; this is told.
     """
     from uw_visibility.config.schema import NodeConfig, PipelineConfig, read_yaml
 
     values: dict[str, Any] = {} if path is None else read_yaml(path)
     if transfer is not None:
         stated = values.get("camera.transfer", transfer)
-        if stated != transfer and not quiet:
+        if stated != transfer:
             say(f"--transfer {transfer} is used, not the {stated} of {path}", error=True)
         values["camera.transfer"] = transfer
     with naming(path):

@@ -48,7 +48,7 @@ from uw_visibility.ros.transport.factory import make_message, message_type
 from uw_visibility.ros.transport.qos import describe_publishers, publish_on, subscribe_to
 from uw_visibility.ros.worker import NewestWorker, Turn
 from uw_visibility.status import Status
-from uw_visibility.stereo.calibration import doubt, image_size
+from uw_visibility.stereo.calibration import CameraCalibration, doubt, image_size
 from uw_visibility.stereo.rig import StereoRig
 from uw_visibility.water.series.filter import FilteredWater, KnownWater, WaterFilter
 
@@ -314,7 +314,8 @@ class NodeCore:
             self._changes.add("camera_info has changed: using the new calibration")
         if calibrations > self.state.calibrations:
             for info, side in ((frame.left_info, "left"), (frame.right_info, "right")):
-                if why := doubt(info, side):
+                calibration = CameraCalibration.from_camera_info(info, side)
+                if why := doubt(info, calibration, side):
                     self._changes.add(why)
         self.state.calibrations = calibrations
         width, height = sizes[0]

@@ -118,13 +118,12 @@ def image_size(info: CameraInfo, side: str) -> tuple[int, int]:
     return size
 
 
-def doubt(info: CameraInfo, side: str) -> str:
+def doubt(info: CameraInfo, calibration: CameraCalibration, side: str) -> str:
     """Return why a CameraInfo seems to be that of images of another size, or "".
 
     The principal point of P is then nearer to the border than to the middle, in x and in y; in a
-    region of interest it may be anywhere. Raises as `CameraCalibration.from_camera_info`.
+    region of interest it may be anywhere. `calibration` is that of the CameraInfo.
     """
-    calibration = CameraCalibration.from_camera_info(info, side)
     centre, size = calibration.projection[:2, 2], calibration.size
     near = any(abs(2.0 * c + 1.0 - n) <= n / 2.0 for c, n in zip(centre, size, strict=True))
     if near or (info.roi.width and info.roi.height):

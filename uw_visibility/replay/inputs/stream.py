@@ -222,7 +222,7 @@ class InputStream:
             if isinstance(info, Recorded):
                 info = self._reader.deserialize(info)
             calibration = CameraCalibration.from_camera_info(info, side)
-            if why := doubt(info, side):
+            if why := doubt(info, calibration, side):
                 count_reason(self.problems, why)
         except InputError:
             # Frames report why their calibration cannot be used.
