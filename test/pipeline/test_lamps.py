@@ -57,6 +57,9 @@ def test_a_night_is_assessed_and_restored(night: RenderedFrame, pipeline: Pipeli
         np.corrcoef(image[seen][:, 2].astype(float), truth[:, 2])[0, 1]
         for image in (night.left, result.left_enhanced))
     assert 1.0 - restored < 0.3 * (1.0 - raw)
+    # Nothing there is brighter than white, and little is shown as if it were.
+    assert truth.max() < 1.0
+    assert (result.left_enhanced[seen] == 255).any(axis=1).mean() < 0.05
 
 
 def test_open_water_by_night_keeps_its_light(pipeline: Pipeline) -> None:

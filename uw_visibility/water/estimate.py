@@ -20,8 +20,6 @@ from uw_visibility.water.observations import Envelopes
 
 # Quantiles one standard deviation below, and above, the middle of a normal distribution.
 ONE_SIGMA = np.array((0.16, 0.5, 0.84))
-# Radiance of the brightest patches of a scene, which are nearly white (eq. 5).
-BRIGHT_RADIANCE = 0.9
 
 
 @dataclass(frozen=True)

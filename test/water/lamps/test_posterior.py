@@ -115,8 +115,15 @@ def test_power_is_that_of_the_attenuation_which_ground_is_restored_with(particle
             -np.outer(r + shown.range, np.exp(posterior.log_attenuation)))
     scattered = posterior.scattering * np.exp(shown.log_scattered[0].T)
     restored = (shown.bright - scattered) / (posterior.power * facing)
-    # Seven in ten of the nodes are darker than white.
-    np.testing.assert_allclose(np.quantile(restored, 0.7, axis=0), 0.9, rtol=1e-6)
+    # No more than one in twenty of the nodes is brighter than white.
+    np.testing.assert_allclose(np.quantile(restored.max(axis=1), 0.95), 1.0, rtol=1e-6)
+
+
+def test_ground_that_is_dark_in_two_channels_does_not_make_lamps_weaker() -> None:
+    grey = nodes(0.15, 0.2, far=4.0)
+    colour = np.array([1.0, 0.5, 0.25])
+    tinted = replace(grey, light=colour * grey.light, bright=colour * grey.bright)
+    assert found(tinted).power == pytest.approx(found(grey).power, rel=0.1)
 
 
 @pytest.mark.parametrize(("daylight", "veil"), [(0.25, 1.0), (0.8, 0.3)])

@@ -45,7 +45,6 @@ from uw_visibility.water.daylight.validation import (
     refuse_uncertain,
 )
 from uw_visibility.water.estimate import (
-    BRIGHT_RADIANCE,
     WaterEstimate,
     blank,
     of_channels,
@@ -56,8 +55,8 @@ from uw_visibility.water.estimate import (
 )
 from uw_visibility.water.observations import Envelopes, observe
 
-# Deviation of the radiance of the brightest patch of a scene.
-WHITE_DEVIATION = 0.27
+# Radiance of the brightest patches of a scene, which are nearly white (eq. 5), and its deviation.
+BRIGHT_RADIANCE, WHITE_DEVIATION = 0.9, 0.27
 # Least radiance of the brightest near patch: darker ones are noise.
 LEAST_RADIANCE = 0.05
 # Relative standard deviation of the scale of range after calibration, and so of β (belief

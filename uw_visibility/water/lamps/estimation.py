@@ -81,14 +81,13 @@ def estimate_nodes(
     status = refuse_attenuation(status, beta, covariance, clear_water)
     known = passed(status)
     beta = np.where(known, beta, np.nan)
-    # The lamps' colours are known, so that their power is one number.
-    power = float(np.exp(np.log(posterior.power[known]).mean())) if known.any() else math.nan
     far = np.exp(at_attenuation(frames[-1].log_far, beta))
     veil = np.where(known, posterior.scattering * far, np.nan)
     joint = np.zeros((6, 6))
     joint[0::2, 0::2] = covariance
     joint[1::2, 1::2] = np.diag((posterior.scattering_stddev * veil) ** 2)
-    scene_light = np.where(known, power, np.nan)
+    # The lamps' colours are known, so that their power is one number.
+    scene_light = np.where(known, posterior.power, np.nan)
     return WaterEstimate(
         **of_channels(
             status, beta, np.where(known, np.maximum(veil + posterior.veil, 1e-9), np.nan),

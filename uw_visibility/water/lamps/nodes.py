@@ -30,8 +30,8 @@ ENOUGH = 0.5
 # Light of fewer code steps, or noise deviations, is biased by clipping at black, and brighter light
 # by clipping at white. Deviation of ln irradiance for such nodes.
 FAINT, BRIGHT, USELESS = 2.5, 0.9, 2.0
-# Quantile of a node's blocks that counts as bright.
-BRIGHT_BLOCKS = 0.95
+# Quantile of a node's blocks, and of the nodes of a frame, that is taken as white: a definition.
+WHITE = 0.95
 # Least noise, in steps of the codes.
 LEAST_NOISE = 0.25
 
@@ -42,7 +42,7 @@ class Nodes:
 
     place: Indices  # (N, 2), row and column in the grid of nodes
     light: Array  # (N, 3), mean linear irradiance, RGB
-    bright: Array  # (N, 3), irradiance of its brightest blocks of pixels, see `BRIGHT_BLOCKS`
+    bright: Array  # (N, 3), irradiance of its brightest blocks of pixels, see `WHITE`
     variance: Array  # (N, 3), variance of ln irradiance by noise and clipping
     range: Array  # (N,), m
     direction: Array  # (N, 3), unit vectors of the lines of sight
@@ -98,7 +98,7 @@ def reduce_to_nodes(blocks: Blocks, rays: Array, tables: LampTables) -> Nodes:
     # Blocks of other surfaces do not count.
     hidden = np.where(surface[..., np.newaxis], light, -np.inf)[shown]
     order = np.sort(hidden, axis=1)
-    bright = order[:, max(round(BRIGHT_BLOCKS * side**2) - 1, 0)]
+    bright = order[:, max(round(WHITE * side**2) - 1, 0)]
     row, column = np.asarray((place + 0.5) * side * blocks.side - 0.5, np.float64).T
     far = tables.log_scattered[:, :, len(tables.rows) // 2, len(tables.columns) // 2, -1]
     return Nodes(

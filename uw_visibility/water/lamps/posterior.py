@@ -32,8 +32,8 @@ from uw_visibility.compute.jit import njit
 from uw_visibility.config.lighting import Lamp, LightingConfig
 from uw_visibility.images.arrays import Array, Mask
 from uw_visibility.optics.lamps import ATTENUATIONS, Ways, between, displaced, vector
-from uw_visibility.water.estimate import BRIGHT_RADIANCE, one_sigma
-from uw_visibility.water.lamps.nodes import Nodes, details_of
+from uw_visibility.water.estimate import one_sigma
+from uw_visibility.water.lamps.nodes import WHITE, Nodes, details_of
 
 # Attenuation by particles, 1/m: the grid, and prior mean and deviation of its logarithm (belief
 # `lamps.particles` of the laboratory, wider). Refinements on both sides of the best point, and
@@ -67,8 +67,6 @@ MOST_STEPS, LARGEST_STEP, CONVERGED = 40, 1.0, 0.02
 # Nodes of the normal distributions that are summed for the clearest channel.
 NORMAL = np.array([-1.6, -0.8, 0.0, 0.8, 1.6])
 FEWEST_NODES = 30
-# Quantile of the nodes' bright blocks that is nearly white.
-BRIGHT_NODES = 0.7
 
 
 class Fitted(NamedTuple):
@@ -101,7 +99,7 @@ class LampPosterior:
     covariance: Array  # (3, 3), of ln β
     clearest: Array  # (3,), 16, 50 and 84 % of −ln min β over the channels seen
     exponent: float  # k
-    power: Array  # (3,), irradiance of white at 1 m from a lamp of power 1, without water
+    power: float  # irradiance of white at 1 m from a lamp of power 1, without water
     scattering: Array  # (3,), s
     scattering_stddev: Array  # (3,), of ln s
     daylight: Array  # (3,), irradiance of white by daylight; 0 without
@@ -393,11 +391,13 @@ def _summed(
     usual = level * np.exp(np.median(cosine, axis=0))
     with np.errstate(over="ignore", invalid="ignore"):
         own = np.exp(scene.log_bright - facing) - np.exp(log_level + scattered - facing)
-    power = usual / REFLECTANCE
-    for c in range(3):
-        clear = own[(direct[:, c] > scattered[:, c]) & np.isfinite(own[:, c]), c]
-        if len(clear):
-            power[c] = max(float(np.quantile(clear, BRIGHT_NODES)), usual[c]) / BRIGHT_RADIANCE
+    clear = (direct > scattered) & np.isfinite(own) & seen
+    # Ground has a colour, and no channel of it is brighter than white.
+    brightest = np.where(clear, own, -np.inf)[clear.any(axis=1)].max(axis=1)
+    power = float(np.exp(np.log(usual[seen]).mean()))
+    power = (
+        max(float(np.quantile(brightest, WHITE)), power) if len(brightest)
+        else power / REFLECTANCE)
     texture = np.trace(best.texture, axis1=1, axis2=2)
     misfit = bool((texture > 0.99 * _most_texture(np.arange(len(texture)))).any())
     return LampPosterior(
