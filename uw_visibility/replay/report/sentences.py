@@ -74,7 +74,7 @@ def verdict(summary: Summary) -> list[Sentence]:
     if synopsis.gap:
         before, after = synopsis.gap
         found.append([
-            f"Most of this time has no frames, {time_span(before, after)}: the cameras were off, "
+            f"Most of this time has no frames, {time_span(before, after)}: a camera was off, "
             "or the clock was set in between."])
     if sensor := disagreement(summary):
         found.append([
