@@ -61,7 +61,10 @@ class Wire:
             code=NODE,
         )
         self.node.wait_for("ready after", parts.READY_TIMEOUT)
-        self.client = parts.Client(live.topics(suffix), f"/{name}")
+        self.client = parts.Client(parts.input_topics(suffix), f"/{name}")
+        self.client.wait(
+            lambda: all(p.get_subscription_count() for p in self.client.publishers.values()),
+            "subscriptions")
         self._stamp = 1000
 
     def counts(self) -> _Counts:
@@ -165,11 +168,6 @@ class Cases:
             self._pose_type(), "depth_sensor", 10
         )
         for name, wire in self._nodes.items():
-            wire.client.wait(
-                lambda w=wire: all(
-                    p.get_subscription_count() for p in w.client.publishers.values()),
-                "subscriptions",
-            )
             wire.answered(self._frame(name), 100)
         image = parts.image_message
         self._kinds: list[tuple[str, Any]] = [

@@ -25,10 +25,6 @@ class Cases:
     def __init__(self, folder: Path) -> None:
         self._parts = live.load()
         self._wire = Wire(folder, "pairs")
-        self._wire.client.wait(
-            lambda: all(
-                p.get_subscription_count() for p in self._wire.client.publishers.values()),
-            "subscriptions")
 
     def run(self, seed: int) -> Outcome:
         """Send a pair, and hold the node to what it says of it."""

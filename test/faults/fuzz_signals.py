@@ -50,7 +50,7 @@ class Cases:
         self.case = f"{name}: {number.name} at its {moment}"
         # What the node before has left in discovery must not be called instead of this one.
         namespace = f"/signals_{seed}_{time.monotonic_ns()}"
-        self._client = self._parts.Client(live.topics(), namespace)
+        self._client = self._parts.Client(self._parts.input_topics(), namespace)
         node = self._parts.NodeProcess(
             self._folder, "-r", f"__ns:={namespace}", "-p", "stereo.max_disparity:=40",
             code=NODE.format(name), fresh=True,

@@ -17,7 +17,6 @@ FOLDER = Path(__file__).resolve().parents[1]
 SIDES = ("left", "right")
 # Until this process ends.
 RESERVED = ExitStack()
-TOPICS = {"image": "image_rect", "camera_info": "camera_info"}
 
 
 def load() -> ModuleType:
@@ -35,11 +34,3 @@ def load() -> ModuleType:
         sys.modules[name] = importlib.util.module_from_spec(specification)
         specification.loader.exec_module(sys.modules[name])
     return sys.modules[name]
-
-
-def topics(suffix: str = "") -> dict[str, str]:
-    """Return the node's inputs by name, those of images with a suffix."""
-    return {
-        f"{side}/{name}": f"{side}/{topic}{suffix if name == 'image' else ''}"
-        for side in SIDES for name, topic in TOPICS.items()
-    }

@@ -27,7 +27,7 @@ class MessageKind(NamedTuple):
     ----------
     name : str
     change : callable
-        Changes the messages of a good frame, by the names of `live.topics`; a topic that
+        Changes the messages of a good frame, by the names of `input_topics`; a topic that
         is taken out is not sent.
     says : str
         What the reason for the loss has in it; `ANSWERED` where the frame has an answer.

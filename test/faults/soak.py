@@ -112,7 +112,7 @@ class Soak:
         self.node.wait_for("ready after", self._parts.READY_TIMEOUT)
         self._rng = random.Random(seed)
         self._scene = self._parts.double(self._parts.make_scene())
-        self.client = self._parts.Client(live.topics(), "/soak")
+        self.client = self._parts.Client(self._parts.input_topics(), "/soak")
         from geometry_msgs.msg import PoseWithCovarianceStamped
 
         self._sensor = self.client.node.create_publisher(

@@ -195,6 +195,14 @@ class NodeProcess:
             self.process.wait()
 
 
+def input_topics(suffix: str = "") -> dict[str, str]:
+    """Return the node's inputs by name, those of images with a suffix."""
+    return {
+        f"{side}/{name}": f"{side}/{topic}" for side in ("left", "right")
+        for name, topic in (("image", f"image_rect{suffix}"), ("camera_info", "camera_info"))
+    }
+
+
 class Client:
     """Publishes stereo frames to a node and collects what comes back."""
 
@@ -298,7 +306,8 @@ class Client:
         return self._seconds
 
     def publish(
-        self, left: Any, right: Any, left_info: Any, right_info: Any, stamp: int | None = None
+        self, left: Any, right: Any, left_info: Any, right_info: Any, stamp: int | None = None,
+        nanosec: int = 5,
     ) -> int:
         """Publish a stereo frame; return its stamp in s."""
         stamp = self.next_stamp() if stamp is None else stamp
@@ -307,7 +316,7 @@ class Client:
             "left/image": left, "right/image": right,
         }
         for name, message in messages.items():
-            message.header.stamp.sec, message.header.stamp.nanosec = stamp, 5
+            message.header.stamp.sec, message.header.stamp.nanosec = stamp, nanosec
             message.header.frame_id = f"{name.split('/')[0]}_camera"
             self.publishers[name].publish(message)
         return stamp
@@ -497,12 +506,7 @@ def make_client(clients: list[Client]) -> Callable[..., Client]:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
     def make(inputs: dict[str, str] | None = None, namespace: str = "") -> Client:
-        topics = inputs or {
-            f"{side}/{name}": f"{side}/{topic}"
-            for side in ("left", "right")
-            for name, topic in (("image", "image_rect"), ("camera_info", "camera_info"))
-        }
-        clients.append(Client(topics, namespace))
+        clients.append(Client(inputs or input_topics(), namespace))
         return clients[-1]
 
     return make

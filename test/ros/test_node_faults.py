@@ -30,10 +30,7 @@ sys.path.append(str(pathlib.Path(sys.argv[1]).parents[1]))
 specification = importlib.util.spec_from_file_location("parts", sys.argv[1])
 parts = sys.modules["parts"] = importlib.util.module_from_spec(specification)
 specification.loader.exec_module(parts)
-client = parts.Client({
-    f"{side}/{name}": f"{side}/{topic}" for side in ("left", "right")
-    for name, topic in (("image", "image_rect"), ("camera_info", "camera_info"))
-}, sys.argv[2])
+client = parts.Client(parts.input_topics(), sys.argv[2])
 scene = parts.make_scene()
 messages = [parts.image_message(p, "rgb8") for p in (scene.left, scene.right)]
 messages += [parts.info_message(side) for side in ("left", "right")]
@@ -216,13 +213,7 @@ def test_short_recording_is_answered_each_time_it_is_played(
         )
         before = len(client.received["disparity"])
         for number in range(frames):
-            for part in parts:
-                part.header.stamp.sec, part.header.stamp.nanosec = 7, 100_000_000 * number
-            for name, part in zip(
-                ("left/camera_info", "right/camera_info", "left/image", "right/image"),
-                (parts[2], parts[3], parts[0], parts[1]), strict=True,
-            ):
-                client.publishers[name].publish(part)
+            client.publish(*parts, stamp=7, nanosec=100_000_000 * number)
             # One after the other, since a loaded machine skips what it has no time for. The
             # first may be lost while publisher and node find one another.
             answered = len(client.received["disparity"])

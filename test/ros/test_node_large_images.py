@@ -28,20 +28,12 @@ NAMESPACE = "/large"
 # or is lost: how many come in a second would only test how busy the machine is.
 FRAMES = 24
 LOST = 3.0  # s
-# Of which the node tells sooner than once a second.
-NODE = """
-import sys
-from uw_visibility.ros import monitor
-monitor.PERIOD = 0.05
-from uw_visibility.ros.start import node
-sys.exit(node())
-"""
 ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
 def client(start_node: Callable[..., Any], make_client: Callable[..., Any]) -> Any:
-    start_node("-r", f"__ns:={NAMESPACE}", code=NODE)
+    start_node("-r", f"__ns:={NAMESPACE}")
     # The camera is a process of its own; this one looks at the diagnostics.
     return make_client({"left/image": "other"}, namespace=NAMESPACE)
 

@@ -19,12 +19,13 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import CompressedImage
 
 
-def compressed(pixels: np.ndarray, kind: str, codec: str, **changes: Any) -> CompressedImage:
+def compressed(
+    pixels: np.ndarray, kind: str = "rgb8; png compressed bgr8", codec: str = ".png"
+) -> CompressedImage:
     """Compress RGB or grey pixels as compressed_image_transport does."""
     stored = pixels if pixels.ndim == 2 else pixels[..., ::-1]
     data = cv2.imencode(codec, np.ascontiguousarray(stored))[1].tobytes()
-    fields = {"format": kind, "data": array.array("B", data)}
-    return CompressedImage(**(fields | changes))
+    return CompressedImage(format=kind, data=array.array("B", data))
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,7 @@ def client(node: Any, make_client: Callable[..., Any], scene: Any, info: Any) ->
         "left/image": "/cam/left/image/compressed", "right/image": "/cam/right/image/compressed",
         "left/camera_info": "left/camera_info", "right/camera_info": "right/camera_info",
     }, namespace="/compressed")
-    images = (compressed(p, "rgb8; png compressed bgr8", ".png") for p in (scene.left, scene.right))
+    images = map(compressed, (scene.left, scene.right))
     client.connect(*images, info("left"), info("right"))
     return client
 
@@ -60,10 +61,7 @@ def grey(pixels: np.ndarray) -> np.ndarray:
 @pytest.fixture(scope="module")
 def attenuation(client: Any, large_scene: Any, info: Any) -> np.ndarray:
     """Return what the node finds of the scene without loss."""
-    images = [
-        compressed(p, "rgb8; png compressed bgr8", ".png")
-        for p in (large_scene.left, large_scene.right)
-    ]
+    images = map(compressed, (large_scene.left, large_scene.right))
     stamp = client.publish(*images, info("left", scale=2), info("right", scale=2))
     vector = client.result(stamp, "visibility/raw/attenuation")[0].vector
     return np.array([vector.x, vector.y, vector.z])
@@ -96,7 +94,7 @@ def test_compressed_scene_gives_the_same_disparity_and_attenuation(
 def test_depth_image_and_points_agree_with_the_disparity(
     client: Any, scene: Any, info: Any
 ) -> None:
-    images = (compressed(p, "rgb8; png compressed bgr8", ".png") for p in (scene.left, scene.right))
+    images = map(compressed, (scene.left, scene.right))
     stamp = client.publish(*images, info("left"), info("right"))
     disparity, depth, calibration, points = client.result(
         stamp, "disparity", "depth/image", "depth/camera_info", "points2"
