@@ -67,14 +67,19 @@ def picture(seed: int = 0, attenuation: float = 0.2) -> NDArray[np.uint16]:
         20000.0 * (0.7 * reflectance * left + 0.5 * (1.0 - left)), np.float64).astype(np.uint16)
 
 
-def summary(
-    image: NDArray[np.uint8] | NDArray[np.uint16], ranges: NDArray[np.float32],
-    clear_water: NDArray[np.float64] = CLEAR,
-) -> Statistics:
+def blocks_of(
+    image: NDArray[np.uint8] | NDArray[np.uint16], ranges: NDArray[np.float32]
+) -> Blocks:
     samples = View.of(np.ascontiguousarray(image)).colour
     assert samples is not None
-    found = summarise(
-        reduce_to_blocks(samples, np.ascontiguousarray(ranges), None), 0.01, clear_water)
+    return reduce_to_blocks(samples, np.ascontiguousarray(ranges), None)
+
+
+def summary(
+    image: NDArray[np.uint8] | NDArray[np.uint16], ranges: NDArray[np.float32],
+    clear_water: NDArray[np.float64] = CLEAR, range_error: float = 0.01,
+) -> Statistics:
+    found = summarise(blocks_of(image, ranges), range_error, clear_water)
     assert found is not None
     return found
 
@@ -89,12 +94,8 @@ def test_exposure_changes_brightness_alone() -> None:
 
 def test_the_unit_of_length_changes_the_median_range_alone() -> None:
     image, ranges = picture(), ranges_of()
-    samples = View.of(image).colour
-    assert samples is not None
-    one = summarise(reduce_to_blocks(samples, ranges, None), 0.03, CLEAR)
-    other = summarise(
-        reduce_to_blocks(samples, np.float32(3.0) * ranges, None), 0.01, CLEAR / 3.0)
-    assert one is not None and other is not None
+    one = summary(image, ranges, range_error=0.03)
+    other = summary(image, np.float32(3.0) * ranges, CLEAR / 3.0)
     np.testing.assert_array_equal(one.of_bins, other.of_bins)
     np.testing.assert_allclose(one.of_channels, other.of_channels, atol=1e-5)
     np.testing.assert_allclose(one.of_image[1:], other.of_image[1:], atol=1e-5)
@@ -140,10 +141,7 @@ def test_what_is_behind_surfaces_is_no_open_water() -> None:
 
 def test_quantiles_are_those_of_the_bin() -> None:
     image, ranges = picture(), ranges_of()
-    samples = View.of(image).colour
-    assert samples is not None
-    found = summary(image, ranges)
-    blocks = reduce_to_blocks(samples, ranges, None)
+    found, blocks = summary(image, ranges), blocks_of(image, ranges)
     middle = np.exp(found.of_image[RANGES][6]) * found.median_range
     there = np.abs(np.log(blocks.range / middle)) < 0.03
     expected = np.quantile(blocks.light[there], (0.05, 0.5, 0.95), axis=0).T
@@ -165,9 +163,7 @@ def test_a_channel_without_light_and_odd_ranges_are_numbers() -> None:
 
 @pytest.mark.parametrize("unknown", [np.nan, 0.0, -2.0, np.inf])
 def test_without_ranges_there_is_nothing(unknown: float) -> None:
-    samples = View.of(picture()).colour
-    assert samples is not None
-    nowhere = reduce_to_blocks(samples, np.full(SHAPE, unknown, np.float32), None)
+    nowhere = blocks_of(picture(), np.full(SHAPE, unknown, np.float32))
     assert summarise(nowhere, 0.0, CLEAR) is None
 
 
@@ -316,10 +312,7 @@ def test_contrast_within_tiles_is_that_of_the_blocks() -> None:
     even[:, 160:] = 5000
     contrast = summary(even, ranges).of_bins[..., WITHIN_TILE]
     assert (contrast == np.log(np.float32(0.5 * FLOOR))).all()
-    samples = View.of(image).colour
-    assert samples is not None
-    found = summary(image, ranges_of())
-    blocks = reduce_to_blocks(samples, ranges_of(), None)
+    found, blocks = summary(image, ranges_of()), blocks_of(image, ranges_of())
     middle = np.exp(found.of_image[RANGES][6]) * found.median_range
     there = np.abs(np.log(blocks.range / middle)) < 0.03
     expected = blocks.light[there].std(axis=0) / found.brightest

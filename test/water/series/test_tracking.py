@@ -219,47 +219,47 @@ def deviations(out, mean_attenuation, depth):
     ])
 
 
+def fading(rng, size=None):
+    """Errors that frames share, which fade over 20 of them."""
+    common = rng.standard_normal(size)
+    while True:
+        common = 0.95 * common + math.sqrt(1 - 0.95**2) * rng.standard_normal(size)
+        yield common
+
+
+def check_followed(alphas, depths, outlier=None):
+    """Check how far off a water is followed, but for a frame that may be an outlier."""
+    found = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        tracker, common = WaterTracker(), fading(rng, 6)
+        for k, (a, z) in enumerate(zip(alphas, depths, strict=True)):
+            frame = drawn(rng, *water_at(a, z), scale=0.5, common=next(common))
+            out = tracker.update(frame, k * PERIOD)
+            if k != outlier:
+                found.append(deviations(out, a, z))
+    assert np.mean(np.array(found) > 3.0) < 0.04
+    assert np.sqrt(np.mean(np.square(found))) < 1.3
+    assert np.max(found) < 5.5
+
+
 CHANGES_BY = [
     (0.001, False), (0.01, True), (0.05, False), (0.2, True)]
 
 
 @pytest.mark.parametrize(("rate", "downwards"), CHANGES_BY)
 def test_a_ramp_is_followed_at_any_rate(rate, downwards):
-    """α in 1/m a frame; depth goes with it. Errors that frames share fade over 20 of them."""
+    """α in 1/m a frame; depth goes with it."""
     change = min(20 * rate, 1.5)
     ramp = np.clip(np.arange(-10, 30) * rate, 0.0, change)
     alphas = 0.05 + (change - ramp if downwards else ramp)
-    depths = 2.0 + 2.0 * ramp / change
-    found = []
-    for seed in range(6):
-        rng = np.random.default_rng(seed)
-        tracker, common = WaterTracker(), rng.standard_normal(6)
-        for k, (a, z) in enumerate(zip(alphas, depths, strict=True)):
-            common = 0.95 * common + math.sqrt(1 - 0.95**2) * rng.standard_normal(6)
-            frame = drawn(rng, *water_at(a, z), scale=0.5, common=common)
-            found.append(deviations(tracker.update(frame, k * PERIOD), a, z))
-    assert np.mean(np.array(found) > 3.0) < 0.04
-    assert np.sqrt(np.mean(np.square(found))) < 1.3
-    assert np.max(found) < 5.5
+    check_followed(alphas, 2.0 + 2.0 * ramp / change)
 
 
 @pytest.mark.parametrize(("step", "downwards"), [(10 * rate, down) for rate, down in CHANGES_BY])
 def test_a_step_is_followed_at_any_size(step, downwards):
-    found = []
-    for seed in range(6):
-        rng = np.random.default_rng(seed)
-        tracker, common = WaterTracker(), rng.standard_normal(6)
-        for k in range(24):
-            common = 0.95 * common + math.sqrt(1 - 0.95**2) * rng.standard_normal(6)
-            a = 0.05 + step * ((k >= 12) != downwards)
-            frame = drawn(rng, *water_at(a, 4.0), scale=0.5, common=common)
-            out = tracker.update(frame, k * PERIOD)
-            # One frame may be an outlier.
-            if k != 12:
-                found.append(deviations(out, a, 4.0))
-    assert np.mean(np.array(found) > 3.0) < 0.04
-    assert np.sqrt(np.mean(np.square(found))) < 1.3
-    assert np.max(found) < 5.5
+    alphas = 0.05 + step * ((np.arange(24) >= 12) != downwards)
+    check_followed(alphas, np.full(24, 4.0), outlier=12)
 
 
 def alike(rng, attenuation, common, size=0.1):
@@ -284,11 +284,10 @@ def test_the_second_frame_after_a_step_follows_it_and_the_first_is_within_its_de
     far, errors = [], []
     for seed in range(10):
         rng = np.random.default_rng(seed)
-        tracker, common = WaterTracker(), rng.standard_normal()
+        tracker, common = WaterTracker(), fading(rng)
         for k in range(18):
-            common = 0.95 * common + math.sqrt(1 - 0.95**2) * rng.standard_normal()
             beta = KAPPA + (before if k < 12 else after)
-            out = tracker.update(alike(rng, beta, common), k * PERIOD)
+            out = tracker.update(alike(rng, beta, next(common)), k * PERIOD)
             far.append(behind(out, beta))
             if k > 12:
                 errors.append(np.log(out.attenuation / beta))
