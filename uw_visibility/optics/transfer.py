@@ -26,7 +26,7 @@ def linear_table(transfer: str, dtype: DTypeLike) -> NDArray[np.float32]:
     """Lookup table from code value to irradiance 0..1, float32, read-only."""
     top = _largest_code(dtype)
     code = np.arange(top + 1, dtype=np.float64) / top
-    table = _decode(code, transfer).astype(np.float32)
+    table = decode(code, transfer).astype(np.float32)
     table.flags.writeable = False
     return table
 
@@ -44,7 +44,7 @@ def from_linear(
     """Convert irradiance to code values, rounded and clipped to 0..1; NaN becomes 0."""
     top = _largest_code(dtype)
     light = np.nan_to_num(np.clip(irradiance, 0.0, 1.0), nan=0.0)
-    return (_encode(light, transfer) * top + 0.5).astype(dtype)
+    return (encode(light, transfer) * top + 0.5).astype(dtype)
 
 
 @lru_cache(maxsize=8)
@@ -59,7 +59,8 @@ def encode_table(transfer: str, dtype: DTypeLike) -> NDArray[np.integer]:
     return table
 
 
-def _decode(code: NDArray[np.float64], transfer: str) -> NDArray[np.float64]:
+def decode(code: NDArray[np.float64], transfer: str) -> NDArray[np.float64]:
+    """Irradiance of codes, both as parts of the largest."""
     if transfer == "linear":
         return code
     if transfer == "srgb":
@@ -67,7 +68,8 @@ def _decode(code: NDArray[np.float64], transfer: str) -> NDArray[np.float64]:
     raise InputError(f"camera.transfer is {transfer!r}: give linear or srgb")
 
 
-def _encode(light: NDArray[np.floating], transfer: str) -> NDArray[np.floating]:
+def encode(light: NDArray[np.floating], transfer: str) -> NDArray[np.floating]:
+    """Codes of irradiance, 0 or more, both as parts of the largest."""
     if transfer == "linear":
         return light
     if transfer == "srgb":

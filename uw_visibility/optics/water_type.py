@@ -91,9 +91,8 @@ def seen_attenuation(
     shift red towards wavelengths of less absorption. The part `kept` of scattering is not lost.
     """
     absorption, scattering = inherent_properties(name, WAVELENGTHS)
-    daylight = np.interp(WAVELENGTHS, *daylight_spectrum())
-    weight = response.at(WAVELENGTHS) * (
-        daylight * np.exp(-depth * (absorption + BACKSCATTERED * scattering)))[:, np.newaxis]
+    weight = daylight_response(response) * np.exp(
+        -depth * (absorption + BACKSCATTERED * scattering))[:, np.newaxis]
     left = np.exp(-path * (absorption + (1.0 - kept) * scattering)) @ weight / weight.sum(axis=0)
     return np.asarray(-np.log(left) / path)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uw_visibility.optics.transfer import from_linear, to_linear
+from uw_visibility.optics.transfer import to_linear
 from uw_visibility_lab.worlds.camera import LINEAR, SRGB, Curve, draw_curve, record, told_linear
 
 LIGHT = np.linspace(0.0, 1.0, 200)
@@ -32,9 +32,7 @@ def test_curves_rise_from_black_to_white(curve: Curve) -> None:
     assert curve.encode(np.array([1.5]))[0] > 1.0
 
 
-def test_srgb_is_the_packages() -> None:
-    np.testing.assert_array_equal(
-        np.rint(SRGB.encode(LIGHT) * 255), from_linear(LIGHT, "srgb", np.uint8))
+def test_a_curve_that_is_told_leaves_light_as_it_is() -> None:
     assert told_linear(SRGB, "srgb", np.array([0.1, 0.5, 1.2])) == pytest.approx(
         [0.1, 0.5, 1.2])
 

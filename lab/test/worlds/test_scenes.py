@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,11 +14,7 @@ import pytest
 from uw_visibility.errors import InputError
 from uw_visibility_lab.simulation.raycast import meet_ground, nearest_shape
 from uw_visibility_lab.simulation.shapes import NOWHERE
-from uw_visibility_lab.worlds.geometry import (
-    LEVELS,
-    TEXTURE,
-    picture_levels,
-)
+from uw_visibility_lab.worlds.geometry import LEVELS, TEXTURE, picture_levels
 from uw_visibility_lab.worlds.scenes import (
     _Builder,
     load_scene,
@@ -133,38 +130,37 @@ def test_folders_without_content_are_refused(tmp_path: object) -> None:
         load_scene(tmp_path / "000000.npz")
 
 
-def test_middlebury_scenes_are_filled_and_metric(tmp_path: object) -> None:
+def grey_scene(folder: Path, disparity: np.ndarray) -> Path:
+    """Write a scene of Middlebury of one grey, with its disparity in thirds of a pixel."""
+    cv2.imwrite(str(folder / "disp1.png"), disparity)
+    for name in ("view1.png", "view5.png"):
+        cv2.imwrite(str(folder / name), np.full((*disparity.shape, 3), 51, np.uint8))
+    return folder
+
+
+def test_middlebury_scenes_are_filled_and_metric(tmp_path: Path) -> None:
     disparity = np.full((40, 60), 90, np.uint8)
     disparity[:, 30:] = 180
     disparity[:, 26:30] = 0
-    cv2.imwrite(str(tmp_path / "disp1.png"), disparity)
-    for name in ("view1.png", "view5.png"):
-        cv2.imwrite(str(tmp_path / name), np.full((40, 60, 3), 51, np.uint8))
-    scene = middlebury(tmp_path)
+    scene = middlebury(grey_scene(tmp_path, disparity))
     # f B / d with a third of 3740 px, 0.16 m and 30 px; a hole takes the farther side.
     assert scene.range[20, 27] == pytest.approx(3740 / 3 * 0.16 / 30, rel=1e-3)
     assert scene.range[20, 40] == pytest.approx(3740 / 3 * 0.16 / 60, rel=1e-3)
     assert scene.reflectance == pytest.approx(0.2)
 
 
-def test_middlebury_rows_without_disparity_are_as_the_nearest_row(tmp_path: object) -> None:
+def test_middlebury_rows_without_disparity_are_as_the_nearest_row(tmp_path: Path) -> None:
     disparity = np.full((40, 60), 90, np.uint8)
     disparity[20:] = 180
     disparity[17:20] = 0
-    cv2.imwrite(str(tmp_path / "disp1.png"), disparity)
-    for name in ("view1.png", "view5.png"):
-        cv2.imwrite(str(tmp_path / name), np.full((40, 60, 3), 51, np.uint8))
-    scene = middlebury(tmp_path)
+    scene = middlebury(grey_scene(tmp_path, disparity))
     expected = 3740 / 3 * 0.16 / np.array([30, 60])
     assert scene.range[[17, 19], 30] == pytest.approx(expected, rel=1e-3)
 
 
-def test_a_middlebury_scene_without_any_disparity_is_refused(tmp_path: object) -> None:
-    cv2.imwrite(str(tmp_path / "disp1.png"), np.zeros((40, 60), np.uint8))
-    for name in ("view1.png", "view5.png"):
-        cv2.imwrite(str(tmp_path / name), np.full((40, 60, 3), 51, np.uint8))
+def test_a_middlebury_scene_without_any_disparity_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no known pixel"):
-        middlebury(tmp_path)
+        middlebury(grey_scene(tmp_path, np.zeros((40, 60), np.uint8)))
 
 
 def test_recorded_scenes_are_read(shared_data: object) -> None:

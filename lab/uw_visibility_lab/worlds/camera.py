@@ -16,6 +16,7 @@ from scipy.special import ndtri
 
 from uw_visibility.compute.jit import njit
 from uw_visibility.images.arrays import Array, Map
+from uw_visibility.optics.transfer import decode, encode
 from uw_visibility_lab.simulation.camera import compress, interpolate_mosaic, lens_falloff
 from uw_visibility_lab.worlds.beliefs import draw
 
@@ -38,17 +39,14 @@ class Curve:
 
     def encode(self, light: NDArray[Any]) -> NDArray[Any]:
         """Code of irradiance, 0 or more."""
-        if self.kind == "linear":
-            return light
-        if self.kind == "srgb":
-            power = 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055
-            return np.where(light <= 0.0031308, 12.92 * light, power)
+        if self.kind in ("linear", "srgb"):
+            return encode(light, self.kind)
         if self.kind == "gamma":
             return np.asarray(np.maximum(light, 0.0) ** (1.0 / self.value))
         if self.kind == "log":
             return np.asarray(np.log1p(self.value * light) / np.log1p(self.value))
         # An S curve on sRGB, as in consumer cameras.
-        code = Curve("srgb").encode(light)
+        code = encode(light, "srgb")
         inside = np.clip(code, 0.0, 1.0)
         return np.asarray(code + self.value * (inside * inside * (3.0 - 2.0 * inside) - inside))
 
@@ -59,10 +57,7 @@ SRGB = Curve("srgb")
 
 def told_linear(curve: Curve, told: str, light: Array) -> Array:
     """Irradiance, (3,), encoded by the curve and linearised by the declared transfer `told`."""
-    code = curve.encode(np.asarray(light, np.float64))
-    if told == "linear":
-        return np.asarray(code)
-    return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
+    return decode(curve.encode(np.asarray(light, np.float64)), told)
 
 
 def draw_curve(rng: np.random.Generator, effects: tuple[str, ...]) -> tuple[Curve, str]:

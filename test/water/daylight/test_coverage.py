@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import pytest
+from scenes import codes
 
 from uw_visibility.config.schema import PipelineConfig, WaterConfig
 from uw_visibility.images.view import View
@@ -261,9 +262,7 @@ def log_score(found: WaterEstimate, truth: np.ndarray) -> np.ndarray:
 
 def encoded(one: Draw) -> np.ndarray:
     """Encode as sRGB."""
-    light = np.arange(256) / 255
-    curve = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-    return np.round(255 * curve).astype(np.uint8)[one.image]
+    return codes(one.image / 255, transfer="srgb")
 
 
 class TestPhysicalSense:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from uw_visibility.config.documents import read_document
-from uw_visibility.config.files import Products, check_replaced, identity, replace_folder
+from uw_visibility.config.files import PARTIAL, Products, check_replaced, identity, replace_folder
 from uw_visibility.errors import InputError, refusing
 
 # File that marks a result folder.
@@ -20,7 +20,6 @@ TABLE = "frames.csv"
 MESSAGES = "results.mcap"
 DAY_MARK = "transects.json"
 """File that marks a folder of several results."""
-PARTIAL = ".partial"
 OLD = ".old"
 # Files that exist before the first frame. Messages are recorded in a separate folder until they
 # are complete.
