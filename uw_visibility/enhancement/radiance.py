@@ -237,8 +237,8 @@ def _restore(
     one = np.float32(1)
     zero = np.float32(0)
     for y in range(image.shape[0]):
-        for x in range(width):
-            for c in range(count):
+        for c in range(count):
+            for x in range(width):
                 seen[c, x] = decode[image[y, x, c]]
                 left_out[c, x] = grain[y, x, c]
         total[:] = np.float32(1e-6)
@@ -276,6 +276,6 @@ def _restore(
                     plane[x] += left_out[c, x] * inverse
             for x in range(width):
                 code[c, x] = index_of(plane[x] * top + half, 0, last)
-        for x in range(width):
-            for c in range(count):
+        for c in range(count):
+            for x in range(width):
                 enhanced[y, x, c] = encode[np.uint32(code[c, x])]

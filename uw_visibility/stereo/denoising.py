@@ -128,14 +128,22 @@ def _scale_of(noise: Any) -> Any:
 def _interpolate(
     start: int, stop: int, scales: Any, gain: Any, low: Any, per_gain: Any, position: Any, grey: Any
 ) -> None:
-    most = np.int32(scales.shape[0] - 2)
+    most, last = np.int32(scales.shape[0] - 2), position.size - 1
+    place = np.empty(grey.shape[1], np.int32)
+    share, value = np.empty((2, grey.shape[1]), np.float32)
     for y in range(start, stop):
-        for x in range(grey.shape[1]):
+        # Short loops, so that those without lookups become vector code.
+        for x in range(place.size):
+            place[x] = index_of((gain[y, x] - low) * per_gain + np.float32(0.5), 0, last)
+        for x in range(place.size):
             # Unsigned, since numba checks whether signed indices are negative.
-            step = (gain[y, x] - low) * per_gain + np.float32(0.5)
-            at = position[np.uint32(index_of(step, 0, position.size - 1))]
-            level = index_of(at, 0, most)
-            share = at - np.float32(level)
-            here = np.uint32(level)
+            share[x] = position[np.uint32(place[x])]
+        for x in range(place.size):
+            place[x] = index_of(share[x], 0, most)
+            share[x] -= np.float32(place[x])
+        for x in range(place.size):
+            here = np.uint32(place[x])
             fine, coarse = scales[here, y, x], scales[here + np.uint32(1), y, x]
-            grey[y, x] = np.uint16(fine + share * (coarse - fine) + np.float32(0.5))
+            value[x] = fine + share[x] * (coarse - fine) + np.float32(0.5)
+        for x in range(place.size):
+            grey[y, x] = np.uint16(value[x])

@@ -232,14 +232,17 @@ def _try_plane(
     """
     width = here.size
     for x in range(BORDER, width - BORDER):
-        d = middle[x] + offset
+        # Unsigned, since numba checks whether signed indices are negative.
+        column = np.uint64(x)
+        d = middle[column] + offset
         if d < low or d > min(high, x - BORDER):
             continue
         i = at + x * BYTES
-        energy = prior * surface[x] + absolute_difference(left, i, right, i - d * BYTES)
+        energy = prior * surface[column] + absolute_difference(left, i, right, i - d * BYTES)
         key = np.int32((energy << DISPARITY_BITS) + d)
-        here[x] = min(here[x], key)
-        there[x - d] = min(there[x - d], key)
+        other = np.uint64(x - d)
+        here[column] = min(here[column], key)
+        there[other] = min(there[other], key)
 
 
 @njit(nogil=True)
