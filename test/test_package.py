@@ -213,9 +213,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-@pytest.mark.parametrize("words", [
-    ["replay", ".", "-o", "out"], ["simulate", "-o", "out"],
-])
+@pytest.mark.parametrize("words", [["replay", ".", "-o", "out"], ["simulate", "-o", "out"]])
 def test_commands_say_how_to_get_rosbags_where_it_is_missing(
     words: list[str], tmp_path: Path
 ) -> None:

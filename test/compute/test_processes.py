@@ -14,6 +14,15 @@ import pytest
 
 from uw_visibility.compute.processes import process_pool
 
+
+def run(folder: Path, code: str, *words: str, **where: Path) -> subprocess.CompletedProcess[str]:
+    """Run code from a file, as the installed command is: its own folder is searched."""
+    (folder / "command.py").write_text(code, encoding="utf-8")
+    return subprocess.run(
+        [sys.executable, str(folder / "command.py"), *words], capture_output=True, text=True,
+        check=False, timeout=60, **where)
+
+
 POOL = """\
 from uw_visibility.compute.processes import process_pool
 if __name__ == "__main__":
@@ -25,12 +34,7 @@ if __name__ == "__main__":
 def test_a_pool_imports_nothing_from_the_current_folder(
     hostile_folder: Path, tmp_path: Path
 ) -> None:
-    # A file, as the installed command is: its own folder is searched, not the current one.
-    (tmp_path / "command.py").write_text(POOL, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, str(tmp_path / "command.py")], cwd=hostile_folder,
-        capture_output=True, text=True, check=False,
-    )
+    done = run(tmp_path, POOL, cwd=hostile_folder)
     assert (done.stdout, done.returncode) == ("3\n", 0), done.stderr
     assert not (hostile_folder / "ran").exists()
 
@@ -71,11 +75,7 @@ if __name__ == "__main__":
 
 
 def test_what_cannot_be_started_is_told_and_the_others_end(tmp_path: Path) -> None:
-    (tmp_path / "command.py").write_text(REFUSED, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, str(tmp_path / "command.py")], capture_output=True, text=True,
-        check=False, timeout=60,
-    )
+    done = run(tmp_path, REFUSED)
     told, ended = done.stdout.splitlines()
     assert told.startswith("cannot start 3 processes, [Errno 11] Resource temporarily unavailable")
     assert told.endswith(": give fewer with --jobs")
@@ -106,11 +106,7 @@ if __name__ == "__main__":
 def test_an_interruption_while_processes_start_ends_them_all_without_a_word(
     tmp_path: Path, which: str
 ) -> None:
-    (tmp_path / "command.py").write_text(INTERRUPTED, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, str(tmp_path / "command.py"), which], capture_output=True, text=True,
-        check=False, timeout=60,
-    )
+    done = run(tmp_path, INTERRUPTED, which)
     assert (done.stdout, done.returncode) == ("", -signal.SIGINT)
     # This process's own, and no worker's.
     assert done.stderr.count("Traceback") == 1

@@ -245,14 +245,9 @@ def test_rectified_pixels_come_from_where_the_camera_model_puts_them(
 
     pixel = np.array([40.0, 30.0])
     ray = rotation.T @ np.array([(pixel[0] - 31.5) / 60, (pixel[1] - 23.5) / 60, 1.0])
-    if model == "equidistant":
-        source = cv2.fisheye.projectPoints(
-            ray.reshape(1, 1, 3), np.zeros(3), np.zeros(3), k, np.array(coefficients)
-        )[0].ravel()
-    else:
-        source = cv2.projectPoints(
-            ray.reshape(1, 1, 3), np.zeros(3), np.zeros(3), k, np.array(coefficients)
-        )[0].ravel()
+    project = cv2.fisheye.projectPoints if model == "equidistant" else cv2.projectPoints
+    source = project(
+        ray.reshape(1, 1, 3), np.zeros(3), np.zeros(3), k, np.array(coefficients))[0].ravel()
     # Half a step of 8 bit, and 1/32 px of the fixed-point maps.
     np.testing.assert_allclose(rectified[30, 40, :2], source, atol=0.5 / scale + 1 / 32 + 1e-3)
 
