@@ -107,6 +107,21 @@ def test_value_that_no_ocean_has_is_refused(value: float) -> None:
         read(pressure, "FluidPressure")
 
 
+@pytest.mark.parametrize(("kind", "values"), [
+    ("FluidPressure", (1307.55, 1336.98)), ("Float64", (101_325.0, 130_755.0))])
+def test_values_of_a_wrong_unit_are_refused_in_one_sentence(
+    kind: str, values: tuple[float, ...]
+) -> None:
+    """Reasons are counted by their text: each value had a line of its own, up to fifty."""
+    reasons = set()
+    for value in values:
+        message = SimpleNamespace(header=HEADER, fluid_pressure=value, variance=0.0, data=value)
+        with pytest.raises(InputError) as refused:
+            read(message, kind)
+        reasons.add(str(refused.value))
+    assert len(reasons) == 1
+
+
 def test_value_without_a_stamp_is_refused() -> None:
     message = pose(-1.0)
     message.header = SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0))

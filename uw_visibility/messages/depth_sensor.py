@@ -41,6 +41,7 @@ def read_depth(message: Any, config: PlausibilityConfig, arrival: int) -> DepthS
 
     `arrival`, ns, is the stamp of types that have none. Raises `InputError` without a stamp, for
     numbers that are not finite or deeper than any ocean, and for a pressure that cannot be in Pa.
+    Errors do not have the value: they are counted by their text.
     """
     if config.sensor_type == "Float64":
         stamp, value, variance = arrival, float(message.data), 0.0
@@ -54,8 +55,8 @@ def read_depth(message: Any, config: PlausibilityConfig, arrival: int) -> DepthS
     depth = _sign(config) * value + config.sensor_offset
     if abs(depth) > MAX_DEPTH:
         raise InputError(
-            f"depth_sensor says a depth of {depth:.6g} m, but no ocean is deeper than "
-            f"{MAX_DEPTH:g} m: publish metres, or pascals as FluidPressure"
+            f"depth_sensor says a depth beyond {MAX_DEPTH:g} m, but no ocean is so deep: publish "
+            "metres, or pascals as FluidPressure"
         )
     if not math.isfinite(variance) or (variance < 0.0 and variance not in UNKNOWN_VARIANCES):
         raise InputError(
@@ -75,8 +76,8 @@ def _value(message: Any, config: PlausibilityConfig) -> tuple[float, float]:
         pressure = float(message.fluid_pressure)
         if pressure < LEAST_PRESSURE <= config.surface_pressure:
             raise InputError(
-                f"depth_sensor says {pressure:g} Pa, less than the pressure of air: publish "
-                "pascals, not mbar, or set plausibility.surface_pressure to 0 for gauge pressure"
+                "depth_sensor says less than the pressure of air: publish pascals, not mbar, or "
+                "set plausibility.surface_pressure to 0 for gauge pressure"
             )
         depth = (pressure - config.surface_pressure) / (config.density * STANDARD_GRAVITY)
         return depth, float(message.variance)
