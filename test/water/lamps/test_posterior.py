@@ -13,8 +13,8 @@ from lamp_scene import CLEAR_WATER, LAMPS, RIG, parameters
 
 from uw_visibility.config.schema import PipelineConfig
 from uw_visibility.optics.lamps import ATTENUATIONS, shine
-from uw_visibility.water.lamps.nodes import Nodes
-from uw_visibility.water.lamps.posterior import LampPosterior, infer
+from uw_visibility.water.lamps.nodes import Nodes, details_of
+from uw_visibility.water.lamps.posterior import FITTED, LampPosterior, fit, infer
 
 LIGHTING = PipelineConfig.from_parameters(parameters(LAMPS)).lighting
 ALL = np.ones(3, bool)
@@ -141,6 +141,24 @@ def test_attenuation_is_told_whatever_the_share_of_daylight(daylight: float, vei
         assert (posterior.daylight > 0.0).all()
     assert np.abs(scores).max() < 3.0
     assert np.sqrt(np.mean(np.square(scores))) < 1.5
+
+
+def test_hidden_differences_tell_scattered_light_of_an_unusual_amount() -> None:
+    # Strips of ground are hidden by e^3 times the usual scattered light; as in a survey, nodes
+    # count for a thirtieth of themselves.
+    place, amount = np.argwhere(np.ones((16, 20), bool)), 3.0
+    water = np.repeat(np.where(place[:, :1] % 4 < 2, -2.0, -5.0), 3, axis=1)
+    logs, changes = np.zeros((2, 1, len(place), 3)), np.zeros((2, 1, len(place), 3, 9))
+    logs[1, 0], changes[1, ..., 3:6] = water, np.eye(3)
+    details = details_of([place])
+    for seed in range(3):
+        ground = 0.5 * np.random.default_rng(seed).standard_normal((len(place), 1))
+        p = np.zeros(9)
+        fit(np.logaddexp(ground, water + amount), np.full(water.shape, 1e-6), logs, changes,
+            details, FITTED._replace(evidence=0.03), p,
+            np.repeat([0.1 + 0.01 * np.eye(3)], details.level.max() + 1, axis=0))
+        # What was expected, 0, still counts.
+        assert (np.abs(p[3:6] - amount) < 0.65 * amount).all()
 
 
 def test_one_range_leaves_what_was_expected() -> None:

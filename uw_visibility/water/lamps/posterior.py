@@ -441,9 +441,10 @@ def fit(
 ) -> tuple[float, Any]:
     """Fit the unknowns beside the attenuation by particles, `p`, and the texture, both in place.
 
-    Iterated weighted least squares of the details of ln E (Student's distribution: Lange, Little
-    and Taylor 1989, doi:10.1080/01621459.1989.10478852), with the covariance of ln ρ of each scale,
-    `texture` (L, 3, 3), fitted along.
+    Fisher's scoring of the details of ln E (Student's distribution: Lange, Little and Taylor 1989,
+    doi:10.1080/01621459.1989.10478852): of their means, and of their variance, which falls with the
+    ground's share of the light. The covariance of ln ρ of each scale, `texture` (L, 3, 3), is
+    fitted along.
 
     `log_light` and `variances` (N, 3) are ln E and its variance; for `logs` and `changes` see
     `_Scene.parts`. `p` (P,) are differences of β (2), change of the exponent, displacements of
@@ -453,9 +454,11 @@ def fit(
     """
     _, lights, number, _, count = changes.shape
     residual, share = np.empty((number, 3)), np.empty((number, 3))
-    jacobian, parts = np.empty((number, 3, count)), np.empty((2, lights))
+    jacobian, by_share = np.empty((number, 3, count)), np.empty((number, 3, count))
+    parts = np.empty((2, lights))
     r, own, noise = np.empty(3), np.empty(3), np.empty(3)
     x, wx = np.empty((3, count)), np.empty((3, count))
+    g, wg = np.empty((3, count)), np.empty((3, count))
     variance, weight = np.empty((3, 3)), np.empty((3, 3))
     for step in range(MOST_STEPS):
         for i in range(number):
@@ -468,8 +471,7 @@ def fit(
                             part += changes[k, m, i, c, j] * p[j]
                         parts[k, m], total = part, np.logaddexp(total, part)
                 residual[i, c], share[i, c] = log_light[i, c] - total, 0.0
-                for j in range(count):
-                    jacobian[i, c, j] = 0.0
+                jacobian[i, c], by_share[i, c] = 0.0, 0.0
                 for k in range(2):
                     for m in range(lights):
                         part = math.exp(parts[k, m] - total)
@@ -477,13 +479,21 @@ def fit(
                             share[i, c] += part
                         for j in range(count):
                             jacobian[i, c, j] += part * changes[k, m, i, c, j]
+                            if k == 0:
+                                by_share[i, c, j] += part * changes[k, m, i, c, j]
+                for j in range(count):
+                    by_share[i, c, j] -= share[i, c] * jacobian[i, c, j]
+                    by_share[i, c, j] *= share[i, c]
                 share[i, c] *= share[i, c]
         prior = _expect(fitted, texture[-1] / number, count)
         precision, slope, likelihood = prior.copy(), -prior @ p, 0.0
         gathered, gathered_weight = np.zeros_like(texture), np.zeros(len(texture))
+        scales, of_scales = np.zeros_like(texture), np.zeros((len(texture), 3, count))
+        scores = np.zeros((len(texture), 3))
         for row in range(len(details.level)):
             level = details.level[row]
-            _take(variances, residual, jacobian, share, details, row, r, x, own, noise)
+            _take(
+                variances, residual, jacobian, share, by_share, details, row, r, x, own, noise, g)
             scale, relative = 0.0, 0.0
             for c in range(3):
                 scale += texture[level, c, c] / 3.0
@@ -508,6 +518,30 @@ def fit(
                     slope[i] += wx[c, i] * r[c]
                     for j in range(i + 1):
                         precision[i, j] += wx[c, i] * x[c, j]
+            # Patches that are hidden by scattered light differ less.
+            u = weight @ r
+            for c in range(3):
+                variance[c, c] -= noise[c]
+            told = weight @ variance
+            seen = variance @ told
+            for c in range(3):
+                score = fitted.evidence * (
+                    robust * u[c] * (r[c] - noise[c] * u[c]) - 1.0 + noise[c] * weight[c, c])
+                scores[level, c] += score
+                for j in range(count):
+                    slope[j] += score * g[c, j]
+                    wg[c, j] = 0.0
+                for k in range(3):
+                    both = fitted.evidence / (DEGREES + 5.0) * (
+                        (DEGREES + 3.0) * (told[c, k] * told[k, c] + weight[c, k] * seen[c, k])
+                        - 2.0 * told[c, c] * told[k, k])
+                    scales[level, c, k] += both
+                    for j in range(count):
+                        wg[c, j] += both * g[k, j]
+                of_scales[level, c] += wg[c]
+                for i in range(count):
+                    for j in range(i + 1):
+                        precision[i, j] += wg[c, i] * g[c, j]
             # Differences that are mostly noise have little weight in the texture.
             part = scale / (scale + relative + 1e-12)
             gathered_weight[level] += part
@@ -519,10 +553,16 @@ def fit(
                 precision[j, i] = precision[i, j]
         if not (np.isfinite(slope).all() and np.isfinite(precision).all()):
             return math.nan, precision
+        # What a change of the texture of a scale explains as well tells nothing.
+        for level in range(len(texture)):
+            left = np.linalg.solve(scales[level] + 1e-9 * np.eye(3), of_scales[level])
+            precision -= of_scales[level].T @ left
+            slope -= scores[level] @ left
         change = np.linalg.solve(precision, slope)
+        change = np.minimum(np.maximum(change, -LARGEST_STEP), LARGEST_STEP)
         if step == MOST_STEPS - 1 or np.abs(change).max() < CONVERGED:
             break
-        p += np.minimum(np.maximum(change, -LARGEST_STEP), LARGEST_STEP)
+        p += change
         _update_texture(gathered, gathered_weight, texture)
     evidence = fitted.evidence * likelihood - 0.5 * (
         p @ prior @ p + np.linalg.slogdet(precision)[1] - np.linalg.slogdet(prior)[1])
@@ -551,11 +591,14 @@ def _expect(fitted: Any, texture: Any, count: int) -> Any:
 
 @njit(nogil=True, error_model="numpy")
 def _take(
-    variances: Any, residual: Any, jacobian: Any, share: Any, details: Any, row: int, r: Any,
-    x: Any, own: Any, noise: Any,
+    variances: Any, residual: Any, jacobian: Any, share: Any, by_share: Any, details: Any,
+    row: int, r: Any, x: Any, own: Any, noise: Any, g: Any,
 ) -> None:
-    """Residual, Jacobian, share of direct light and noise variance of a difference."""
-    r[:], own[:], noise[:], x[:] = 0.0, LEAST_SHARE, MODEL_DEVIATION**2, 0.0
+    """Residual, Jacobian, share of direct light and noise variance of a difference.
+
+    `g` (3, P) are the derivatives of ln of that share.
+    """
+    r[:], own[:], noise[:], x[:], g[:] = 0.0, LEAST_SHARE, MODEL_DEVIATION**2, 0.0, 0.0
     for k in range(details.first[row], details.first[row + 1]):
         node, weight = details.node[k], details.weight[k]
         for c in range(3):
@@ -564,6 +607,9 @@ def _take(
             noise[c] += weight * weight * variances[node, c]
             for j in range(x.shape[1]):
                 x[c, j] += weight * jacobian[node, c, j]
+                g[c, j] += weight * weight * by_share[node, c, j]
+    for c in range(3):
+        g[c] /= own[c]
     own[:] = np.sqrt(own)
 
 
