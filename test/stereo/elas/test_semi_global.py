@@ -63,6 +63,12 @@ def best_descriptors(views):
     return np.argmin(costs, axis=0)
 
 
+def test_support_points_beyond_the_limits_leave_the_nearest_disparity_to_try(shifted_pair):
+    # The plane of a support point's neighbours may extrapolate.
+    best, _ = search(normalizers(shifted_pair(disparity=12)), points_at(48, 49))
+    assert set(np.unique(best)) == {-1, DISPARITIES[1]}
+
+
 def test_paths_match_what_single_descriptors_do_not(shifted_pair):
     views = normalizers(shifted_pair(disparity=12), noise=8.0)
     inner = np.s_[4:-4, 45:-4]
