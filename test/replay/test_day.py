@@ -10,10 +10,12 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_copies import Message, copy_bag, fix
 from frame_records import frame_estimate, frame_record, write_table
 from made_once import leave_out_figures
 
@@ -41,15 +43,28 @@ def plain_report() -> Iterator[None]:
         yield
 
 
+def moving_east(messages: Iterator[Message], latitude: float) -> Iterator[Message]:
+    """Add a fix to each frame, from 10.5 degrees east on."""
+    longitude = 10.5
+    for message in messages:
+        yield message
+        if message[0] == "/left/image_rect":
+            yield fix(message, latitude, longitude)
+            longitude += 1e-6
+
+
 @pytest.fixture(scope="module")
 def bags(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("bags")
     for name, (attenuation, later, frames) in LEGS.items():
+        plain = folder / "without position" / name
+        plain.parent.mkdir(exist_ok=True)
         write_transect(
-            folder / name, Transect(
+            plain, Transect(
                 frames=frames, attenuation=(attenuation, attenuation),
                 camera=StereoCamera(160, 120, 150.0, 0.12)),
-            start=START + later * 10**9, position=(60.0 + later * 1e-7, 10.5))
+            start=START + later * 10**9)
+        copy_bag(plain, folder / name, edit=partial(moving_east, latitude=60.0 + later * 1e-7))
     broken = folder / "broken.mcap"
     broken.write_bytes(b"\x89MCAP0\r\n" + bytes(100))
     return [folder / "leg 1", broken, folder / "murky", folder / "leg 2"]
@@ -58,7 +73,7 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 @pytest.fixture(scope="module")
 def command(bags: list[Path], tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     out = tmp_path_factory.mktemp("days") / "day"
-    return ["replay", *map(str, bags), "-o", str(out), "--jobs", "1", "--geo", "/gps/fix",
+    return ["replay", *map(str, bags), "-o", str(out), "--jobs", "1", "--geo", "/fix",
             "--netcdf", "--parquet"]
 
 
