@@ -146,8 +146,8 @@ def _alike(deviation: Plane) -> Plane:
     Pixels that differ by half a code or more are rounded independently (dither: Widrow, Kollár and
     Liu 1996, doi:10.1109/19.492748); an even light has steps of a code. For one channel and the
     deviation before rounding, the series has exp(-4 π²k²σ²). Here the deviation is that of the grey
-    of rounded channels. For deviations of channels from 0 to 0.5, exp(-2 π²k²σ²) is then within
-    20 % of the variance in simulated cells; the factor 4 gives a twentieth of it at 0.5.
+    of rounded channels, which is smaller than theirs: in simulated RGB cells the factor 2 gives the
+    variance within 20 %, in grey ones up to twice as much.
     """
     order = np.float32(np.pi) * np.arange(1, 9, dtype=np.float32)
     return np.exp(-2.0 * np.multiply.outer(deviation, order) ** 2) @ (np.float32(0.5) / order**2)
