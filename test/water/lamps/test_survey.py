@@ -85,6 +85,9 @@ def test_tracks_that_contradict_the_nodes_do_not_count() -> None:
     joined = estimate_nodes([lamps.nodes], config.lighting, CLEAR_WATER, tracks=near)
     assert (joined.attenuation > 1.01 * alone.attenuation).all()
     assert (joined.attenuation_stddev < alone.attenuation_stddev).all()
+    # As bright through more water: the lamps are stronger, and the ground is restored as bright.
+    assert joined.lamps is not None
+    assert (joined.lamps.power > lamps.power).all()
     far = replace(near, log_attenuation=np.log(4.0 * alone.attenuation))
     refuted = estimate_nodes([lamps.nodes], config.lighting, CLEAR_WATER, tracks=far)
     np.testing.assert_array_equal(refuted.attenuation, alone.attenuation)

@@ -78,26 +78,27 @@ def estimate_nodes(
     beta = np.exp(log_beta)
     beta, covariance = _above_clear_water(
         beta, covariance * np.outer(beta, beta), seen, clear_water)
+    levels = posterior.levels(beta)
     status = refuse_attenuation(status, beta, covariance, clear_water)
     known = passed(status)
     beta = np.where(known, beta, np.nan)
     far = np.exp(at_attenuation(frames[-1].log_far, beta))
-    veil = np.where(known, posterior.scattering * far, np.nan)
+    veil = np.where(known, levels.scattering * far, np.nan)
     joint = np.zeros((6, 6))
     joint[0::2, 0::2] = covariance
     joint[1::2, 1::2] = np.diag((posterior.scattering_stddev * veil) ** 2)
     # The lamps' colours are known, so that their power is one number.
-    scene_light = np.where(known, posterior.power, np.nan)
+    scene_light = np.where(known, levels.power, np.nan)
     return WaterEstimate(
         **of_channels(
-            status, beta, np.where(known, np.maximum(veil + posterior.veil, 1e-9), np.nan),
+            status, beta, np.where(known, np.maximum(veil + levels.veil, 1e-9), np.nan),
             blank(joint, known)),
         iterations=1, bins=sum(len(nodes.range) for nodes in frames), light=scene_light,
         light_covariance=np.where(np.outer(known, known), POWER_DEVIATION**2, np.nan),
         clearest=clearest if known.any() else None,
         lamps=LampLight(
-            beta, scene_light, np.where(known, posterior.scattering, np.nan),
-            posterior.daylight, posterior.veil, frames[-1]))
+            beta, scene_light, np.where(known, levels.scattering, np.nan),
+            levels.daylight, levels.veil, frames[-1]))
 
 
 class LampEstimator:

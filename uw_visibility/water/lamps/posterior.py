@@ -22,8 +22,9 @@ doi:10.1080/01621459.1986.10478240).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -91,6 +92,15 @@ LEAST_SHARE = 1e-6
 _BETWEEN_CHANNELS = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, -2.0]]) / np.sqrt([[2.0], [6.0]])
 
 
+class Levels(NamedTuple):
+    """Levels of light that go with one attenuation."""
+
+    power: float  # irradiance of white at 1 m from a lamp of power 1, without water
+    scattering: Array  # (3,), s
+    daylight: Array  # (3,), irradiance of white by daylight; 0 without
+    veil: Array  # (3,), irradiance of daylight's veil at infinity; 0 without
+
+
 @dataclass(frozen=True, eq=False)
 class LampPosterior:
     """Posterior of attenuation under lamps."""
@@ -99,13 +109,11 @@ class LampPosterior:
     covariance: Array  # (3, 3), of ln β
     clearest: Array  # (3,), 16, 50 and 84 % of −ln min β over the channels seen
     exponent: float  # k
-    power: float  # irradiance of white at 1 m from a lamp of power 1, without water
-    scattering: Array  # (3,), s
     scattering_stddev: Array  # (3,), of ln s
-    daylight: Array  # (3,), irradiance of white by daylight; 0 without
-    veil: Array  # (3,), irradiance of daylight's veil at infinity; 0 without
     # whether patches differ more than those of any ground, so that lamps or water are not as told
     misfit: bool
+    # Levels for β, (3,), 1/m: of another one, what is restored would be too bright or too dark.
+    levels: Callable[[Array], Levels]
 
 
 class _Light(NamedTuple):
@@ -369,9 +377,19 @@ def _summed(
     most = int(np.argmax(weight))
     grid, depth = grids[most // FINE], depths[most // FINE]
     best = min(grid, key=lambda each: abs(math.log(each.particles) - fine[most % FINE]))
-    # Light on the ground is that of the attenuation that is told, which images are restored with:
-    # from one point of the grid to the next it would jump.
-    p, light = best.parameters, scene.light(np.exp(middle), depth)
+    texture = np.trace(best.texture, axis1=1, axis2=2)
+    misfit = bool((texture > 0.99 * _most_texture(np.arange(len(texture)))).any())
+    return LampPosterior(
+        middle, spread, _of_clearest(weight, mean, covariance, seen),
+        USUAL_EXPONENT + float(best.parameters[2]), np.sqrt(best.scattering_variance), misfit,
+        partial(_levels, scene, seen, best, depth))
+
+
+def _levels(
+    scene: _Scene, seen: Mask, best: _Fit, depth: float | None, attenuation: Array
+) -> Levels:
+    """Levels of light for an attenuation, (3,), with the other parameters of a fit."""
+    p, light = best.parameters, scene.light(attenuation, depth)
     amount = _usual_scattering(best.particles) + p[-6:-3]
     cosine = (USUAL_EXPONENT + p[2]) * light.by_exponent
     ground, water = light.logs
@@ -398,12 +416,7 @@ def _summed(
     power = (
         max(float(np.quantile(brightest, WHITE)), power) if len(brightest)
         else power / REFLECTANCE)
-    texture = np.trace(best.texture, axis1=1, axis2=2)
-    misfit = bool((texture > 0.99 * _most_texture(np.arange(len(texture)))).any())
-    return LampPosterior(
-        middle, spread, _of_clearest(weight, mean, covariance, seen),
-        USUAL_EXPONENT + float(p[2]), power, level * np.exp(amount),
-        np.sqrt(best.scattering_variance), power * daylight * level / usual, level * veil, misfit)
+    return Levels(power, level * np.exp(amount), power * daylight * level / usual, level * veil)
 
 
 def _interpolated(grid: list[_Fit], highest: float, fine: Array) -> tuple[Array, Array, Array]:
