@@ -48,6 +48,8 @@ def test_a_night_is_assessed_and_restored(night: RenderedFrame, pipeline: Pipeli
     assert result.status is Status.OK
     error = result.water.attenuation - night.attenuation
     assert (np.abs(error) < 3 * result.water.attenuation_stddev).all()
+    error = result.water.scene_light - night.lamps[0].power
+    assert (np.abs(error) < result.water.scene_light_stddev).all()
     assert result.visibility.depth_status is Status.NO_DEPTH_BY_LAMPS
     seen = np.isfinite(result.disparity) & ~result.images.limited & (night.range_left < 5.0)
     assert seen.mean() > 0.2

@@ -40,8 +40,10 @@ MODEL_ERROR = 0.07
 # Chi squared of tracks against the posterior, for three channels, beyond which they contradict it:
 # 5 % by chance.
 CONTRADICTION = 7.8
-# Relative standard deviation of the power: white is not always in view.
-POWER_DEVIATION = 0.15
+# Deviation of ln power, of all channels alike, in nights of three worlds (0.6, 0.8 and 1.0):
+# ground is darker than white, and the attenuation in error. `WaterEstimate.light_covariance` alone
+# has it.
+POWER_DEVIATION = 0.8
 # Quantiles of range that are taken as its limits: most ranges beyond are wrong.
 RANGE_LIMITS = (0.005, 0.98)
 
