@@ -64,15 +64,17 @@ WHOLE_NAMES = {
     "green", "held", "here", "i", "k", "key", "marks", "max_gap", "peek", "shift", "start", "steps",
     "symbol", "to", "total", "u", "v", "x", "y",
 }
-# Whole numbers by other words: the sizes of arrays, or masked to a table of that size.
+# Whole numbers by other words: the sizes of arrays, masked to a table of that size, or written by
+# `index_of` before.
 WHOLE = {
+    "enhancement/radiance.py": {"code[c, x]"},
     "images/jpeg_scan.py": {"value", "symbol if k == 0 else symbol & 15"},
     "images/noise.py": {"image[y, x, channel]", "image[y - 1, x, channel]",
                         "image[y + 1, x, channel]", "image[y, x - 1, channel]",
                         "image[y, x + 1, channel]"},
     "simulation/noise.py": {"fx", "fy", "fz"},
     "simulation/scene.py": {"extent[0] / SPACING", "extent[1] / SPACING"},
-    "stereo/denoising.py": {"level", "scales.shape[0] - 2"},
+    "stereo/denoising.py": {"place[x]", "scales.shape[0] - 2"},
     "stereo/elas/confidence.py": {"max(column[x], 0)"},
     "stereo/elas/postprocess.py": {"max(column[x] + 1, 0)"},
     "stereo/elas/semi_global.py": {
