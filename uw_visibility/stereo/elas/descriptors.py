@@ -57,24 +57,6 @@ def absolute_difference(typingctx: Any, a: Any, i: Any, b: Any, j: Any) -> Any:
     return types.int32(a, types.intp, b, types.intp), codegen
 
 
-@intrinsic
-def _copy_four(typingctx: Any, source: Any, i: Any, target: Any, j: Any) -> Any:
-    """Copy ``source[i:i+4]`` to ``target[j:j+4]``, 1-D uint8 arrays; bounds unchecked."""
-
-    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        four = ir.IntType(32).as_pointer()
-        first, second = (
-            builder.bitcast(builder.gep(
-                context.make_array(signature.args[at])(context, builder, arguments[at]).data,
-                [arguments[at + 1]]), four)
-            for at in (0, 2)
-        )
-        builder.store(builder.load(first, align=1), second, align=1)
-        return context.get_dummy_value()
-
-    return types.void(source, types.intp, target, types.intp), codegen
-
-
 # Half the side of the window that a descriptor samples.
 MARGIN = 2
 # Factor of the Sobel responses, to fit a byte. Strong edges clip: that yields more matches than a
@@ -154,12 +136,18 @@ def _gather(start: int, stop: int, horizontal: Any, vertical: Any, values: Any) 
         for x in range(width):
             at = (y * width + x) * BYTES
             values[at] = h0[x + 2]
-            # Three bytes and one that is overwritten.
-            _copy_four(h1, x + 1, values, at + 1)
-            _copy_four(h2, x, values, at + 4)
+            values[at + 1] = h1[x + 1]
+            values[at + 2] = h1[x + 2]
+            values[at + 3] = h1[x + 3]
+            values[at + 4] = h2[x]
+            values[at + 5] = h2[x + 1]
+            values[at + 6] = h2[x + 2]
+            values[at + 7] = h2[x + 3]
             values[at + 8] = h2[x + 4]
             values[at + 9] = h3[x + 2]
             values[at + 10] = h4[x + 2]
             values[at + 11] = v1[x + 2]
-            _copy_four(v2, x + 1, values, at + 12)
+            values[at + 12] = v2[x + 1]
+            values[at + 13] = v2[x + 2]
+            values[at + 14] = v2[x + 3]
             values[at + 15] = v3[x + 2]

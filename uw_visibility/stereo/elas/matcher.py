@@ -159,23 +159,20 @@ class Matcher:
         `turned`, the image is also turned and scaled, so that its rows move as far on average.
         """
         height, width = self._shape
-        at = self._support.rows_of_ratio(consistent)[:, np.newaxis]
+        at = np.arange(height)[:, np.newaxis]
         moves = [np.full((1, 1), rows, np.intp)]
         if turned:
             moves += [
                 np.rint(np.linspace(-2 * rows, 2 * rows, n)).astype(np.intp).reshape(shape)
                 for n, shape in ((width, (1, -1)), (height, (-1, 1)))]
-            moves[-1] = moves[-1][at[:, 0]]
         left, right = self._descriptors
         # One item for each pixel.
         pixels = right.view(f"V{BYTES}").reshape(self._shape)
-        moved = np.empty_like(pixels)
 
         def ratio(move: NDArray[np.intp]) -> float:
             source = (at + move) % height
             whole = source.shape[1] == 1
-            moved[at[:, 0]] = pixels[source[:, 0]] if whole else np.take_along_axis(
-                pixels, source, axis=0)
+            moved = pixels[source[:, 0]] if whole else np.take_along_axis(pixels, source, axis=0)
             return self._support.ratio(
                 left, moved.reshape(-1).view(np.uint8), consistent=consistent)
 

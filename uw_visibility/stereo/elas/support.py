@@ -98,15 +98,6 @@ class SupportGrid:
         kept = np.count_nonzero(others[int(consistent)] >= 0)
         return float((kept + 10) / (np.count_nonzero(found >= 0) + 10))
 
-    def rows_of_ratio(self, consistent: bool) -> NDArray[np.intp]:
-        """Rows of descriptors that `ratio` reads of the right view."""
-        height, step = self._shape[0], self._config.support_step
-        if consistent:
-            return np.arange(height)
-        middle = np.arange(0, len(self._found), _ORDER_STRIDE) * step + step // 2
-        near = np.concatenate((middle - REACH, middle + REACH))
-        return near[(near >= 0) & (near < height)]
-
     def search(
         self,
         left: Image8,
