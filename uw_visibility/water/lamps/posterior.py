@@ -531,12 +531,13 @@ def fit(
                     slope[i] += wx[c, i] * r[c]
                     for j in range(i + 1):
                         precision[i, j] += wx[c, i] * x[c, j]
-            # Patches that are hidden by scattered light differ less.
+            # Patches that are hidden by scattered light differ less. Score and information of ln of
+            # the ground's share in each channel, which scales the ground's part of the variance:
             u = weight @ r
             for c in range(3):
                 variance[c, c] -= noise[c]
-            told = weight @ variance
-            seen = variance @ told
+            ground = weight @ variance
+            square = variance @ ground
             for c in range(3):
                 score = fitted.evidence * (
                     robust * u[c] * (r[c] - noise[c] * u[c]) - 1.0 + noise[c] * weight[c, c])
@@ -546,8 +547,9 @@ def fit(
                     wg[c, j] = 0.0
                 for k in range(3):
                     both = fitted.evidence / (DEGREES + 5.0) * (
-                        (DEGREES + 3.0) * (told[c, k] * told[k, c] + weight[c, k] * seen[c, k])
-                        - 2.0 * told[c, c] * told[k, k])
+                        (DEGREES + 3.0)
+                        * (ground[c, k] * ground[k, c] + weight[c, k] * square[c, k])
+                        - 2.0 * ground[c, c] * ground[k, k])
                     scales[level, c, k] += both
                     for j in range(count):
                         wg[c, j] += both * g[k, j]
